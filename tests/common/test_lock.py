@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -47,6 +48,35 @@ def test_a_killed_holder_leaves_no_lock_behind(tmp_path):
     with locked(tmp_path, "b"):
         pass
     assert not (tmp_path / FILE).exists()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a file that is open is not removed there")
+def test_a_lock_whose_file_is_removed_between_opening_and_locking_is_taken_again(tmp_path, monkeypatch):
+    flock, removed = lock.fcntl.flock, []
+
+    def after_the_last_holder(*arguments):
+        if not removed:
+            removed.append((tmp_path / FILE).unlink())
+        flock(*arguments)
+
+    monkeypatch.setattr(lock.fcntl, "flock", after_the_last_holder)
+    with locked(tmp_path, "the first"):
+        assert removed
+        with pytest.raises(UserError, match="written by another process: the first"), locked(tmp_path, "b"):
+            pass
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a file that is open is not removed there")
+def test_the_file_of_a_lock_is_removed_while_it_is_held(tmp_path, monkeypatch):
+    unlink, held = Path.unlink, []
+
+    def looked_at(path, *arguments, **options):
+        held.append(holder(tmp_path))
+        unlink(path, *arguments, **options)
+
+    with locked(tmp_path, "the first"):
+        monkeypatch.setattr(Path, "unlink", looked_at)
+    assert "the first" in held[0]
 
 
 def test_a_folder_that_was_made_and_stayed_empty_goes_again(tmp_path):

@@ -52,6 +52,30 @@ def test_the_free_run_must_stay_in_its_range(augmented, drive):
     assert not driveable.admits([softer(augmented, 0.2)])
 
 
+def test_a_candidate_is_stable_and_stays_in_its_range(augmented, drive):
+    """Either alone is not enough: a soft axle leaves the range, and spins only where it is driven fast."""
+    slow, fast = Driveable(augmented, [drive]), Driveable(augmented, [drive])
+    slow.speeds, fast.speeds = np.array([1.0]), np.array([60.0])
+    soft, softish = softer(augmented, 0.2), softer(augmented, 0.5)
+    assert math.isinf(slow.unstable_from(soft))
+    assert not slow.admits([soft])
+    assert fast.stays([softish])
+    assert not fast.admits([softish])
+    assert slow.admits([softish])
+
+
+def test_speeds_and_length_are_those_of_what_was_driven(augmented, drive):
+    column = augmented.model.inputs.index("speed")
+    inputs = np.tile(drive.inputs, (2, 1))
+    inputs[:, column] = np.linspace(10.0, 30.0, len(inputs))
+    longer = dataclasses.replace(drive, inputs=inputs, time=np.arange(len(inputs)) * drive.time[1])
+    driveable = Driveable(augmented, [drive], [longer])
+    assert driveable.speeds == pytest.approx(
+        [10.2, 16.7333, 23.2667, 29.8], abs=1e-3
+    )  # without a hundredth at each end
+    assert driveable._samples == len(inputs)
+
+
 def test_no_fit_leads_from_a_model_that_can_be_driven_to_one_that_cannot(augmented, drive):
     fitting = Fitting(augmented, [drive], first_variances(augmented, [drive]))
     moved = coordinates(augmented, FREE, (), 1)

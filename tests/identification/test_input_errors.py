@@ -1,6 +1,9 @@
 """Recorded inputs with noise: what it does to filter, likelihood and free run, against solutions that spare nothing."""
 
 import dataclasses
+import functools
+import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +15,7 @@ from harness.engine.simd.linalg import add_input_errors, correlated_update
 from harness.identification.filtered_model import Candidates
 from harness.identification.innovations import Innovations
 from harness.identification.input_effects import InputEffects
+from harness.identification.measured_inputs import InputErrors
 from support.identification import CAR, model_of, recorded
 
 REAL = {"speed": 0.02, "steering_wheel_angle": 0.00175}
@@ -85,6 +89,40 @@ def test_correlated_update_is_the_dense_solution(missing):
     np.testing.assert_allclose(covariance[..., 0], prior - gain @ S @ gain.T, rtol=1e-9, atol=1e-12)
     density = -0.5 * (e @ np.linalg.solve(S, e) + np.linalg.slogdet(2 * np.pi * S)[1])
     assert info.log_likelihood[0, 0] == pytest.approx(density, rel=1e-9)
+
+
+def test_the_spread_of_a_free_run_is_the_sum_over_the_errors_of_all_samples_before():
+    """Covariance and transition of the errors change with time; the outputs are summed up term by term."""
+    rng = np.random.default_rng(4)
+    samples, n, m, outputs = 7, 2, 2, 3
+    A, G = 0.7 * rng.normal(size=(samples, n, n)), rng.normal(size=(samples, n, m))
+    H, D = rng.normal(size=(samples, outputs, n)), rng.normal(size=(samples, outputs, m))
+    T, P = 0.6 * rng.normal(size=(samples, m, m)), np.zeros((samples, m, m))
+    for k in range(samples):
+        root = rng.normal(size=(m, m))
+        P[k] = root @ root.T + (T[k] @ P[k - 1] @ T[k].T if k else 0.0)
+    errors = InputErrors((0, 1), P, np.concatenate([P[:1], T[1:] @ P[:-1]]))
+    spread = InputEffects(None)._spread(SimpleNamespace(input_errors=errors), A, H, G, D)
+
+    def from_sample(k, j):
+        """Return what the errors of sample j do to the outputs of sample k."""
+        if k == j:
+            return D[k]
+        moved = G[j]
+        for i in range(j + 1, k):
+            moved = A[i] @ moved
+        return H[k] @ moved
+
+    def together(i, j):
+        """Return the covariance of the errors of sample i with those of sample j."""
+        if i < j:
+            return together(j, i).T
+        return functools.reduce(lambda lasting, k: T[k] @ lasting, range(j + 1, i + 1), P[j])
+
+    for k in range(samples):
+        pairs = itertools.product(range(k + 1), repeat=2)
+        total = sum(from_sample(k, i) @ together(i, j) @ from_sample(k, j).T for i, j in pairs)
+        np.testing.assert_allclose(spread[k], np.diag(total), rtol=1e-9)
 
 
 def test_a_simulated_recording_is_exact(innovations, exact):

@@ -248,6 +248,21 @@ def test_an_effect_may_have_a_state_of_its_own():
     assert found == pytest.approx([0.2 / 0.5, (0.5 - 0.2) / 3.0])
 
 
+@pytest.mark.parametrize("factor", [1, 2])
+def test_a_shared_state_has_one_derivative_however_often_it_is_stated(factor):
+    def apply(e, value):
+        e.derivative("speed_tractor", value, shared=True)
+        e.derivative("speed_tractor", factor * value, shared=True)
+        return value
+
+    again = {"again": effect(apply, STATES=("speed_tractor",))}
+    if factor == 1:
+        assert assemble(vehicle(steer), effects=again).states == ("yaw_rate_tractor", "speed_tractor")
+        return
+    with pytest.raises(ModelError, match="the derivative of 'speed_tractor' has two writers in 'toy'"):
+        assemble(vehicle(steer), effects=again)
+
+
 def test_a_state_of_an_effect_without_derivative_is_refused():
     wrong = effect(scaled, STATES=("speed_tractor",))
     with pytest.raises(ModelError, match="no derivative for speed_tractor"):

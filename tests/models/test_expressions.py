@@ -1,10 +1,11 @@
-"""The larger and the smaller of two expressions: values, derivatives, code for NumPy, plain Python and LaTeX."""
+"""The larger and the smaller of two expressions: values, derivatives, code, LaTeX; the shape of a timed change."""
 
 import numpy as np
 import pytest
 import sympy as sp
 
 from harness.models.assembly.expressions import larger, smaller
+from harness.models.effects._timing import progress
 
 A, B = sp.symbols("a b", real=True)
 
@@ -35,3 +36,14 @@ def test_arguments_are_left_alone_and_print_as_formulas():
     assert expr.args[0] == (A + B) * (A - B) / (A + B + 1) ** 3
     assert sp.latex(larger(A, 0)) == r"\max\left(a, 0\right)"
     assert sp.latex(smaller(A, B)) == r"\min\left(a, b\right)"
+
+
+@pytest.mark.parametrize(("begin", "duration"), [(3.0, 2.0), (0.0, 0.5)])
+def test_a_timed_change_follows_the_integral_of_a_raised_cosine(begin, duration):
+    time = sp.Symbol("time", real=True)
+    change = sp.lambdify(time, progress(time, begin, duration), "math")
+    share = np.array([-1.0, 0.0, 0.25, 0.5, 0.75, 1.0, 3.0])
+    done = [0.0, 0.0, 0.25 - 0.5 / np.pi, 0.5, 0.75 + 0.5 / np.pi, 1.0, 1.0]
+    assert [change(begin + duration * s) for s in share] == pytest.approx(done, abs=1e-15)
+    rate = [(change(begin + duration * (s + 1e-5)) - change(begin + duration * (s - 1e-5))) / 2e-5 for s in share]
+    assert rate == pytest.approx([0.0, 0.0, 1.0, 2.0, 1.0, 0.0, 0.0], abs=1e-8)

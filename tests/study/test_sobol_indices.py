@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from SALib.analyze import sobol
 
 from harness.study import sobol_indices
 from harness.study.design import saltelli_points
@@ -64,6 +65,20 @@ def test_intervals_of_total_indices_cover_over_many_scramblings(function, known)
     # 0.95 nominal; a total index of 0.02 of the g-function has the least, 0.86 over 100 scramblings
     assert (hits / trials >= 0.78).all(), hits / trials
     assert np.mean(hits / trials) >= 0.93
+
+
+@pytest.mark.parametrize(("level", "below"), [(0.95, 5), (0.9, 10), (0.5, 50), (1.0, 0)])
+def test_an_interval_leaves_out_as_many_resamples_below_as_above(level, below):
+    outcome = g_function(saltelli_points(64, 5, seed=0))
+    found = sobol_indices.sobol_indices(outcome, 5, seed=2, resamples=201, level=level)
+    problem = {"num_vars": 5, "names": list("abcde"), "bounds": [[0.0, 1.0]] * 5}
+    drawn = sobol.analyze(problem, outcome, calc_second_order=False, num_resamples=201, keep_resamples=True, seed=3)
+    for kind, resamples in ((found.first, drawn["S1_conf_all"]), (found.total, drawn["ST_conf_all"])):
+        ends = np.sort(resamples, axis=0)[[below, 200 - below]].T
+        np.testing.assert_allclose([(i.lower, i.upper) for i in kind], ends, rtol=1e-12)
+    largest, second = found.order[:2]
+    lead = np.sort(drawn["ST_conf_all"][:, largest] - drawn["ST_conf_all"][:, second])[[below, 200 - below]]
+    assert (found.lead.lower, found.lead.upper) == pytest.approx(tuple(lead), rel=1e-12)
 
 
 def test_indices_converge_to_the_known_ones():
