@@ -31,6 +31,7 @@ from typing import Any, TypeVar
 
 from harness.common import locations
 from harness.common.errors import ModelError, UserError
+from harness.common.files import LIMITED
 
 WORDS = ("vehicles", "tyres", "effects", "sensors", "parameters", "drives", "estimators", "readers")
 """Roles that components may come for from outside: names of folders, of entry-point groups and of ``register``."""
@@ -217,17 +218,19 @@ class Carried:
     Attributes:
         project: Project folder in force.
         files: Files of what was registered, by role and name.
+        limited: Whether tables larger than any recording are refused.
     """
 
     project: Path | None
     files: dict[tuple[str, str], Path]
+    limited: bool
 
 
 def carried() -> Carried:
     """Return what this process finds beside the harness and installed packages; an object without a file stays."""
     root = locations.project()
     files = {key: c.path.resolve() for key, c in _registered.items() if c.path is not None}
-    return Carried(None if root is None else root.resolve(), files)
+    return Carried(None if root is None else root.resolve(), files, LIMITED[0])
 
 
 def take_over(found: Carried) -> None:
@@ -239,6 +242,7 @@ def take_over(found: Carried) -> None:
     """
     if found.project is not None and not (found.project / locations.MARK).is_file():
         raise UserError(f"there is no project folder {found.project}")
+    LIMITED[0] = found.limited
     locations.use_project(found.project)
     for role, name in [key for key in _registered if key not in found.files]:
         unregister(role, name)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise, takewhile
 
@@ -85,6 +85,8 @@ def plain_map(tables: list[Table], file: str) -> ChannelMap:
 def collect(tables: list[Table], channels: ChannelMap, file: str) -> tuple[list[Raw], Clock]:
     """Return every channel of the map, and the clock that gives the common time base: that of the first signal.
 
+    Of a long recording the columns are most of the memory: each gives up its values behind its last use.
+
     Raises:
         UserError: If a channel is not in the file, has no clock, holds no number, or nothing is left between start
             and stop.
@@ -100,11 +102,23 @@ def collect(tables: list[Table], channels: ChannelMap, file: str) -> tuple[list[
             for name, members in named.items():
                 clock = _clock(table, name, rows, channels, file, members)
                 clocks |= {c.channel: clock for c in members}
-    found = [
-        _raw(tables[n], c, clocks[c.channel], channels, file) for n, c in zip(places, channels.channels, strict=True)
-    ]
+    found = _raws(tables, places, clocks, channels, file)
     warnings = dict.fromkeys(w for clock in clocks.values() for w in clock.warnings)
     return found, replace(clocks[channels.channels[0].channel], warnings=tuple(warnings))
+
+
+def _raws(
+    tables: list[Table], places: list[int], clocks: Mapping[str, Clock], channels: ChannelMap, file: str
+) -> list[Raw]:
+    """Return every channel; what no later one takes gives up its values."""
+    used = [name for c in channels.channels for name in (c.channel, c.reverse)]
+    found = []
+    for i, (n, channel) in enumerate(zip(places, channels.channels, strict=True)):
+        for table in tables:
+            for name in set(table.columns) - set(used[2 * i :]):
+                table.columns[name] = np.empty(0)
+        found.append(_raw(tables[n], channel, clocks[channel.channel], channels, file))
+    return found
 
 
 def _place(tables: list[Table], channel: Channel, file: str) -> int:
@@ -189,9 +203,10 @@ def _clock(
         stamps = table.columns[named] * seconds
         clock = check_clock(stamps, f"{file}: '{named}'", rows)
         origin = stamps[np.isfinite(stamps)][0]
+        del stamps
         late = factor * (clock.time[0] - origin)
         clock = replace(clock, time=origin + factor * (clock.time - origin) + offset, step=factor * clock.step)
-        clock = steadied(clock, [table.columns[c.channel].astype(float) for c in members])
+        clock = steadied(clock, [table.columns[c.channel] for c in members])
     elif np.isfinite(channels.rate):
         late = rows[0] / channels.rate
         clock = Clock(rows / channels.rate, rows, float(np.median(np.diff(rows, prepend=-1))) / channels.rate, ())
@@ -204,6 +219,8 @@ def _clock(
     since = clock.time - clock.time[0] + late
     stop = channels.stop if np.isfinite(channels.stop) else np.inf
     inside = (since >= channels.start) & (since <= stop)
+    if inside.all() and len(inside) > 1:
+        return clock
     if inside.sum() < 2:
         raise UserError(
             f"{file}: nothing lies between start = {channels.start:g} s and stop = {stop:g} s; the recording lasts "
@@ -214,9 +231,10 @@ def _clock(
 
 def _raw(table: Table, channel: Channel, clock: Clock, channels: ChannelMap, file: str) -> Raw:
     """Return a channel in SI units at its own instants."""
-    values = table.columns[channel.channel][clock.rows].astype(float)
+    values = clock.of(table.columns[channel.channel])
     impossible = ~is_measured(values) & ~np.isnan(values)
-    values[impossible] = np.nan
+    if impossible.any():
+        values = np.where(impossible, np.nan, values)
     finite = np.isfinite(values)
     if not finite.any():
         raise UserError(
@@ -226,9 +244,11 @@ def _raw(table: Table, channel: Channel, clock: Clock, channels: ChannelMap, fil
     time_of_spikes = clock.time[odd]
     if channel.remove_spikes:
         finite &= ~odd
-    fresh, held = (np.ones(len(values), dtype=bool), 1) if channel.hold else updates(np.where(finite, values, np.nan))
+    if not finite.all():
+        values = np.where(finite, values, np.nan)
+    fresh, held = (np.ones(len(values), dtype=bool), 1) if channel.hold else updates(values)
     keep = finite & fresh
-    time, kept = clock.time[keep], values[keep]
+    time, kept = (clock.time, values) if keep.all() else (clock.time[keep], values[keep])
     largest = channels.largest_gap
     if not np.isfinite(largest):
         usual = held * clock.step
@@ -239,7 +259,7 @@ def _raw(table: Table, channel: Channel, clock: Clock, channels: ChannelMap, fil
     return Raw(
         channel=channel,
         time=time,
-        values=_in_si(kept, channel) * _direction(table, channel, clock, file)[keep],
+        values=_signed(_in_si(kept, channel), keep, table, channel, clock, file),
         largest_gap=largest,
         held=held,
         gaps=gaps,
@@ -250,19 +270,19 @@ def _raw(table: Table, channel: Channel, clock: Clock, channels: ChannelMap, fil
     )
 
 
-def _direction(table: Table, channel: Channel, clock: Clock, file: str) -> Floats:
-    """Return -1 in the rows in which a column says that the vehicle drives backwards, 1 in all others."""
+def _signed(values: Floats, kept: Mask, table: Table, channel: Channel, clock: Clock, file: str) -> Floats:
+    """Return the values of some rows, negative where a column says that the vehicle drives backwards."""
     if channel.reverse in ("", COURSE):
-        return np.ones(len(clock.rows))
+        return values
     if channel.reverse not in table.columns:
         raise UserError(
             f"{channel.where}.reverse: '{channel.reverse}' is no column beside '{channel.channel}' of {file}"
             f"{closest(channel.reverse, list(table.columns))}; name one that is negative in reverse, or write "
             f'"{COURSE}"'
         )
-    gear = table.columns[channel.reverse][clock.rows].astype(float)
+    gear = clock.of(table.columns[channel.reverse])
     latest = np.maximum.accumulate(np.where(np.isfinite(gear), np.arange(len(gear)), 0))
-    return np.where(gear[latest] < 0, -1.0, 1.0)
+    return values * np.where(gear[latest] < 0, -1.0, 1.0)[kept]
 
 
 def _missing_share(there: Mask) -> float:
@@ -284,5 +304,6 @@ def _in_si(values: Floats, channel: Channel) -> Floats:
                 f"{known[-1]:g}; extend the curve"
             )
         values = np.asarray(scipy.interpolate.PchipInterpolator(known, given)(values))
-    values = channel.scale * values + channel.offset
+    values = channel.scale * values
+    values += channel.offset
     return np.unwrap(values) if channel.signal == "heading" else values

@@ -39,6 +39,10 @@ class Clock:
     step: float
     warnings: tuple[str, ...]
 
+    def of(self, column: Floats) -> Floats:
+        """Return a column of the file ``(rows of the file,)`` in the rows kept; not to be written to."""
+        return np.asarray(column if len(self.rows) == len(column) else column[self.rows], dtype=float)
+
 
 def check_clock(stamps: Floats, where: str, of: NDArray[np.intp] | None = None) -> Clock:
     """Keep the rows whose stamp is later than every one before.
@@ -56,6 +60,7 @@ def check_clock(stamps: Floats, where: str, of: NDArray[np.intp] | None = None) 
     time = np.where(finite, stamps[own], np.nan)
     latest = np.maximum.accumulate(np.where(finite, time, -np.inf))
     later = finite & np.concatenate([[True], time[1:] - latest[:-1] > _SAME])
+    del latest  # of a long recording such an array is much
     rows = np.flatnonzero(later)
     bad = np.flatnonzero(~later)
     if len(rows) < 2:
@@ -70,8 +75,8 @@ def check_clock(stamps: Floats, where: str, of: NDArray[np.intp] | None = None) 
                 "sort the rows, or cut the file where the clock was set"
             )
         warnings.append(f"{where}: {bad.size} rows left out whose stamp is missing, repeats or jumps back ({evidence})")
-    kept = time[rows]
-    return Clock(kept, own[rows], float(np.median(np.diff(kept))), tuple(warnings))
+    kept, of_file = (time[rows], own[rows]) if bad.size else (time, own)
+    return Clock(kept, of_file, float(np.median(np.diff(kept))), tuple(warnings))
 
 
 def updates(values: Floats) -> tuple[Mask, int]:
@@ -120,15 +125,17 @@ def spikes(values: Floats) -> Mask:
     channel's samples usually do, and if it stands out by far more than its neighbours differ.
     """
     found = np.zeros(len(values), dtype=bool)
-    place = np.flatnonzero(np.isfinite(values))
-    x = values[place]
+    finite = np.isfinite(values)
+    x = values if finite.all() else values[finite]
     if len(x) < 9:
         return found
     away = np.abs(x - scipy.ndimage.median_filter(x, 5, mode="nearest"))
     usual = 1.4826 * np.median(away[away > 0]) if (away > 0).any() else 0.0
     if usual == 0:
         return found
-    before, after = np.abs(np.diff(x, prepend=x[0])), np.abs(np.diff(x, append=x[-1]))
-    alone = np.minimum(before, after) > 4 * np.abs(np.roll(x, 1) - np.roll(x, -1))
-    found[place] = (away > _SPIKE * usual) & alone
+    far = np.flatnonzero(away > _SPIKE * usual)
+    before, after = far - 1, (far + 1) % len(x)
+    steps = np.abs(x[far] - x[np.maximum(before, 0)]), np.abs(x[np.minimum(far + 1, len(x) - 1)] - x[far])
+    far = far[np.minimum(*steps) > 4 * np.abs(x[before] - x[after])]
+    found[far if x is values else np.flatnonzero(finite)[far]] = True
     return found

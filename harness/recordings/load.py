@@ -99,11 +99,12 @@ def recording_of(
         mapping = channels if isinstance(channels, ChannelMap) else load_map(channels)
     if step is not None:
         mapping = replace(mapping, step=step)
+    tables = [replace(t, columns=dict(t.columns)) for t in tables]  # their columns are given up
     raws, clock = collect(tables, mapping, file)
     raws, turns = _with_turns(raws)
     grid = _grid(raws, clock, mapping, file)
     _refuse_delays(raws, grid, file)
-    signals = {r.channel.signal: _resampled(r, r.channel.delay, grid) for r in raws}
+    signals = _onto_grid(raws, grid)
     add_positions(signals)
     step = float(grid[1] - grid[0])
     delays = _estimated_delays(raws, signals, mapping, grid, file)
@@ -243,16 +244,26 @@ def _refuse_delays(raws: list[Raw], grid: Floats, file: str) -> None:
             )
 
 
+def _onto_grid(raws: list[Raw], grid: Floats) -> dict[str, Floats]:
+    """Return all channels on the common time base; what is not resampled again gives up its values, in place."""
+    signals = {}
+    for i, raw in enumerate(raws):
+        signals[raw.channel.signal] = _resampled(raw, raw.channel.delay, grid)
+        if not np.isnan(raw.channel.delay):
+            raws[i] = replace(raw, values=np.empty(0))
+    return signals
+
+
 def _resampled(raw: Raw, delay: float, grid: Floats) -> Floats:
     """Return a channel on the common time base, freed of its delay, behind its lag."""
-    late = 0.0 if np.isnan(delay) else delay
-    values = onto_grid(raw.time - late, raw.values, grid, raw.largest_gap, raw.channel.hold)
+    time = raw.time if np.isnan(delay) or delay == 0.0 else raw.time - delay
+    values = onto_grid(time, raw.values, grid, raw.largest_gap, raw.channel.hold)
     return first_order_lag(values, float(grid[1] - grid[0]), raw.channel.lag)
 
 
 def _covered(signals: dict[str, Floats], step: float) -> slice:
     """Return the recording without its ends, up to 1 s each, in which delays and windows leave some signal missing."""
-    whole = np.flatnonzero(np.isfinite(np.stack(list(signals.values()))).all(axis=0))
+    whole = np.flatnonzero(np.logical_and.reduce([np.isfinite(values) for values in signals.values()]))
     count = len(next(iter(signals.values())))
     if not whole.size:
         return slice(0, count)

@@ -26,6 +26,8 @@ _TURNS = 8
 """Times its reach after which a pulse of the low pass repeats itself."""
 _AT_ONCE = 1_000_000
 """Weights."""
+_AROUND = 4
+"""Samples beside a stretch that is joined, on which the ends of its curve depend."""
 _ON_TIME = 1e-6
 """Samples by which an instant may be beside one to be its own."""
 _AS_OFTEN = 1.05
@@ -86,6 +88,8 @@ def updated_on_grid(time: Floats, grid: Floats) -> Mask:
     nearest = np.rint((time - grid[0]) / step).astype(int)
     found = np.zeros(len(grid), dtype=bool)
     found[nearest[(nearest >= 0) & (nearest < len(grid))]] = True
+    if found.all():
+        return found
     if len(time) > 1 and np.median(np.diff(time)) < _AS_OFTEN * step:
         after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
         found |= np.minimum(np.abs(grid - time[after - 1]), np.abs(time[after] - grid)) < _BESIDE * step
@@ -114,17 +118,18 @@ def _band_limited(time: Floats, values: Floats, usual: float, step: float, wante
     fine = np.linspace(time[0], time[-1], 1 + int(np.maximum(np.rint(np.diff(time) / usual), 1.0).sum()))
     apart, joined = float(fine[1] - fine[0]), _join(time, values, fine)
     places = (wanted - fine[0]) / apart
+    del fine, wanted  # of a long recording each such array is much
     if step > (1.0 + _NARROWEST) * apart:
         unit, (distances, pulse) = step, _low_pass(min(step / apart - 1.0, _WIDEST))
     else:
-        own = np.rint(places).astype(int)
+        own = np.rint(places)
         if np.all(np.abs(places - own) < _ON_TIME):
-            return joined[own]
+            return joined[own.astype(int)]
         unit, (distances, pulse) = apart, _interpolation()
     taps = int(2 * distances[-1] * unit / apart) + 2
     padded = np.pad(joined, taps, mode="reflect", reflect_type="odd")
-    found, many = np.empty(len(wanted)), max(1, _AT_ONCE // taps)
-    for begin in range(0, len(wanted), many):
+    found, many = np.empty(len(places)), max(1, _AT_ONCE // taps)
+    for begin in range(0, len(places), many):
         at = places[begin : begin + many, None]
         samples = np.floor(at).astype(int) + np.arange(1 - taps // 2, taps - taps // 2 + 1)
         weights = np.interp(np.abs(samples - at) * (apart / unit), distances, pulse, right=0.0)
@@ -161,7 +166,18 @@ def _low_pass(roll_off: float) -> tuple[Floats, Floats]:
 
 
 def _join(time: Floats, values: Floats, wanted: Floats) -> Floats:
-    """Interpolate inside a stretch."""
+    """Interpolate inside a stretch, piece by piece: the coefficients are many times the samples.
+
+    An interpolant between two samples depends on two more on either side.
+    """
     if len(time) < 3:
         return np.interp(wanted, time, values)
-    return np.asarray(scipy.interpolate.Akima1DInterpolator(time, values, method="makima")(wanted))
+    found = np.empty(len(wanted))
+    for begin in range(0, len(time) - 1, _AT_ONCE):
+        stop = min(begin + _AT_ONCE, len(time) - 1)
+        here = slice(max(begin - _AROUND, 0), stop + _AROUND + 1)
+        first, last = (0 if k == 0 else len(wanted) if k == len(time) - 1 else np.searchsorted(wanted, time[k])
+                       for k in (begin, stop))  # fmt: skip
+        curve = scipy.interpolate.Akima1DInterpolator(time[here], values[here], method="makima")
+        found[first:last] = curve(wanted[first:last])
+    return found

@@ -44,7 +44,7 @@ def steadied(clock: Clock, columns: Sequence[Floats]) -> Clock:
         columns: Channels with a value per row of the file.
     """
     instants = _instants(clock.time, clock.step)
-    if instants is None or any(_taken_at(clock.time, instants, column[clock.rows]) for column in columns):
+    if instants is None or any(_taken_at(clock.time, instants, clock.of(column)) for column in columns):
         return clock
     return replace(clock, time=instants)
 

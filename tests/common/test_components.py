@@ -1,6 +1,7 @@
 """Components from outside: found by three ways, refused twice, imported late, with signals and axles of their own."""
 
 import os
+import pickle
 import subprocess
 import sys
 import types
@@ -251,3 +252,15 @@ def test_a_folder_that_was_listed_shows_what_comes_into_it_later(tmp_path, monke
     (folder / "walker" / "__init__.py").write_text(TINY, encoding="utf-8")
     os.utime(folder, (1.1e9, 1.1e9))  # as it was
     assert "walker" in VEHICLES.components()
+
+
+def test_a_process_that_takes_over_what_is_found_reads_tables_of_the_same_size(monkeypatch):
+    for limited in (False, True):
+        monkeypatch.setattr(components, "LIMITED", [limited])
+        code = (
+            "import pickle, sys; from harness.common import components, files; "
+            "components.take_over(pickle.load(sys.stdin.buffer)); print(files.LIMITED[0])"
+        )
+        done = subprocess.run([sys.executable, "-c", code], input=pickle.dumps(components.carried()),
+                              capture_output=True, check=True)  # fmt: skip
+        assert done.stdout.decode().strip() == str(limited)

@@ -18,7 +18,7 @@ from harness.common import files
 from harness.common.errors import UserError
 from harness.recordings import readers
 from harness.recordings.readers import csv as csv_reader
-from harness.recordings.readers import parquet
+from harness.recordings.readers import mdf, parquet
 
 COLUMNS = {
     "time": np.arange(50) * 0.01,
@@ -325,6 +325,18 @@ def test_a_parquet_file_that_unpacks_to_more_than_any_recording_is_refused(tmp_p
         patch.setattr(parquet, "MOST_BYTES", 10**7)
         with pytest.raises(UserError, match=r"the table has 88,000,000 bytes or more"):
             readers.read(tmp_path / "a.parquet")
+
+
+@pytest.mark.parametrize(("limit", "says"), [("MOST_BYTES", "unpacked, has 48 bytes"), ("MOST_COLUMNS", "2 channels")])
+def test_an_mdf_file_that_is_larger_than_any_recording_is_refused(tmp_path, monkeypatch, limit, says):
+    with asammdf.MDF(version="4.10") as made:
+        made.append([asammdf.Signal(np.arange(3.0), np.arange(3.0), name="a")])
+        path = Path(made.save(tmp_path / "a.mf4"))
+    monkeypatch.setattr(mdf, limit, 1)
+    with pytest.raises(UserError, match=f"{says} or more, at most 1 are read; if it is a recording, add --no-limits"):
+        readers.read_tables(path)
+    monkeypatch.setattr(files, "LIMITED", [False])
+    assert len(readers.read_tables(path)) == 1
 
 
 def test_limits_can_be_lifted(tmp_path, monkeypatch):

@@ -1,13 +1,14 @@
 """Measured drives: channel maps, time bases, gaps and spikes; the drives of the project's maps."""
 
 import re
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from harness.common.errors import UserError
-from harness.recordings import inputs, load_recording, measurements
+from harness.recordings import inputs, load_recording, measurements, resample
 from harness.recordings.channel_map import load_map
 from harness.recordings.clock import check_clock, spikes, updates
 from harness.recordings.consistency import check
@@ -319,6 +320,47 @@ def test_only_new_samples_of_a_slow_channel_count_as_measured(tmp_path):
     assert np.isfinite(measured[:, 1]).mean() == pytest.approx(0.1, abs=0.005)
     np.testing.assert_allclose(recording["yaw_rate"], truth["yaw_rate"][: recording.sizes["time"]], atol=4e-3)
     assert "10 rows repeat each sample" in recording.attrs["warnings"][0]
+
+
+def test_a_long_recording_is_read_in_little_more_memory_than_it_has(tmp_path, monkeypatch):
+    """Peak of the arrays, as a multiple of one column: 6 are read, 6 are returned; it was 45."""
+    monkeypatch.setattr(resample, "_AT_ONCE", 10_000)
+    time = 0.001 * np.arange(200_000)
+    names = ("speed", "yaw_rate", "lateral_acceleration", "steering_wheel_angle", "heading")
+    stored(tmp_path, {"time": time} | {name: np.sin(0.3 * time + i) for i, name in enumerate(names)})
+    load_recording(tmp_path / "drive.csv@0s:1s")  # imports
+    tracemalloc.start()
+    recording = load_recording(tmp_path / "drive.csv")
+    peak = tracemalloc.get_traced_memory()[1] / time.nbytes
+    tracemalloc.stop()
+    assert recording.sizes["time"] == len(time)
+    assert peak < 22.0
+
+
+@pytest.mark.parametrize("samples", [13, 200, 201])
+def test_samples_are_joined_in_pieces_as_in_a_whole(monkeypatch, samples):
+    rng = np.random.default_rng(samples)
+    time, values = np.cumsum(rng.uniform(0.005, 0.015, samples)), rng.normal(size=samples)
+    values[3:8] = values[3]
+    wanted = np.sort(np.concatenate([rng.uniform(time[0], time[-1], 500), time]))
+    whole = resample._join(time, values, wanted)
+    monkeypatch.setattr(resample, "_AT_ONCE", 10)
+    np.testing.assert_array_equal(resample._join(time, values, wanted), whole)
+    assert np.isfinite(whole).all()
+
+
+def test_a_spike_at_an_end_has_the_other_end_for_a_neighbour():
+    """What a spike is was told over all samples at once, and stays so where only the outliers are looked at."""
+    rng = np.random.default_rng(0)
+    for first, last in ((9.0, 0.0), (0.0, 9.0), (0.0, 0.0)):
+        x = 0.01 * rng.normal(size=50)
+        x[0], x[-1], x[20] = x[0] + first, x[-1] + last, 5.0
+        away = np.abs(x - np.array([np.median(np.pad(x, 2, mode="edge")[i : i + 5]) for i in range(50)]))
+        before, after = np.abs(np.diff(x, prepend=x[0])), np.abs(np.diff(x, append=x[-1]))
+        alone = np.minimum(before, after) > 4 * np.abs(np.roll(x, 1) - np.roll(x, -1))
+        expected = (away > 12.0 * 1.4826 * np.median(away[away > 0])) & alone
+        np.testing.assert_array_equal(spikes(x), expected)
+        assert spikes(x)[20]
 
 
 def test_spikes_are_found_reported_and_removed_on_request(tmp_path):

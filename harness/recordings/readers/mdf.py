@@ -13,8 +13,8 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
-from harness.common.files import told_as_damaged
-from harness.recordings.readers._table import Table
+from harness.common.files import refuse_beyond, told_as_damaged
+from harness.recordings.readers._table import MOST_BYTES, MOST_COLUMNS, Table
 
 _MOST_PACKED = 1100
 """Bytes that a byte can be unpacked into at most (deflate)."""
@@ -29,7 +29,7 @@ def read(path: str) -> list[Table]:
     number where it has none). Samples that the file marks as invalid are NaN; texts and arrays are left out.
 
     Raises:
-        UserError: If asammdf is not installed or the file is damaged.
+        UserError: If asammdf is not installed, the file is damaged, or larger than any recording's.
     """
     try:
         from asammdf import MDF
@@ -46,7 +46,8 @@ def read(path: str) -> list[Table]:
     ):
         _refuse_circles(path)
         with MDF(path, temporary_folder=folder) as file:
-            return _tables(file, os.path.getsize(path))
+            _refuse_sizes(file, path)
+            return _tables(file)
 
 
 def _refuse_circles(path: str) -> None:
@@ -78,12 +79,27 @@ def _refuse_circles(path: str) -> None:
                 pass
 
 
-def _tables(file: Any, size: int) -> list[Table]:
-    """Return a table for each group with samples, the group with most channels first.
+def _refuse_sizes(file: Any, path: str) -> None:
+    """Refuse a file before room is made for its samples.
 
     Raises:
+        UserError: If it is larger than any recording.
         ValueError: If a group claims more samples than the file can hold.
     """
+    size, channels, values = os.path.getsize(path), 0, 0
+    for index, group in enumerate(file.groups):
+        about = group.channel_group
+        claimed = about.cycles_nr * (about.samples_byte_nr + getattr(about, "invalidation_bytes_nr", 0))
+        if claimed > _MOST_PACKED * size:
+            raise ValueError(f"channel group {index} claims {claimed} bytes of samples in a file of {size}")
+        channels += len(group.channels)
+        values += len(group.channels) * about.cycles_nr
+    refuse_beyond(path, "the file", channels, MOST_COLUMNS, "channels")
+    refuse_beyond(path, "the file, unpacked,", 8 * values, MOST_BYTES, "bytes")
+
+
+def _tables(file: Any) -> list[Table]:
+    """Return a table for each group with samples, the group with most channels first."""
     groups = [
         (index, [(place, channel.name) for place, channel in enumerate(group.channels)])
         for index, group in enumerate(file.groups)
@@ -92,12 +108,8 @@ def _tables(file: Any, size: int) -> list[Table]:
     counts = Counter(name for index, channels in groups for place, name in channels if place != masters.get(index))
     tables: list[Table] = []
     for index, channels in groups:
-        about = file.groups[index].channel_group
-        if not about.cycles_nr:  # nothing to be read, and where there are bytes all the same asammdf never ends
+        if not file.groups[index].channel_group.cycles_nr:  # of bytes without samples asammdf reads for ever
             continue
-        claimed = about.cycles_nr * (about.samples_byte_nr + getattr(about, "invalidation_bytes_nr", 0))
-        if claimed > _MOST_PACKED * size:  # a damaged count, for which room would be made
-            raise ValueError(f"channel group {index} claims {claimed} bytes of samples in a file of {size}")
         columns: dict[str, Floats] = {}
         units: dict[str, str] = {}
         label = str(getattr(file.groups[index].channel_group, "acq_name", "") or index)
