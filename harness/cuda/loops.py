@@ -9,7 +9,7 @@ from harness.cuda.lanes import own, shaped
 from harness.engine.kernel_names import LANES, NU, NX, NY, Belief, State, get, put
 from harness.engine.standard_normal import begin, draw, refused
 from harness.runner.filter_loop import run_filter
-from harness.runner.simulation_loop import simulate_batch
+from harness.runner.simulation_loop import run_vehicle
 
 
 def draw_noise(words, widths, inside, heights, noise):
@@ -65,22 +65,20 @@ def carried_over(before, after):
 
 
 def simulate_runs(u, between, c, deviation_x, deviation_y, limits, largest, x0, noise, truth, y, left_at):
-    """Simulate the run of each thread; see ``simulate_batch``, with runs in place of lanes."""
+    """Simulate the run of each thread; see ``harness.runner.simulation_loop``, with runs in place of lanes."""
     run = cuda.grid(1)
     if run < left_at.shape[1]:
-        simulate_batch(
-            (own(u, run), own(between, run)),
-            own(c, run),
+        record = (
             own(deviation_x, run),
             own(deviation_y, run),
             limits,
             largest,
-            own(x0, run),
             own(noise, run),
             own(truth, run),
             own(y, run),
             own(left_at, run),
         )
+        run_vehicle((own(u, run), own(between, run)), own(c, run), own(x0, run), record)
 
 
 def estimate_runs(

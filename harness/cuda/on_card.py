@@ -26,6 +26,7 @@ from harness.engine.simd.lanes import LANES
 from harness.engine.standard_normal import upper_half
 from harness.estimation.contract import Sums, kernels_of, load_estimator
 from harness.runner.scores import SCORES
+from harness.runner.simulation_loop import SIMULATION
 from harness.study.design import RunParameters, Unit
 from harness.study.evaluate import InBatches, StudyEvaluator, in_a_row
 from harness.study.parameter_truth import parameter_truth
@@ -148,7 +149,7 @@ class CardEvaluator:
         if study.belief.input_noise or study.plant.input_noise:
             raise UserError(f"{study.path}: inputs with noise are computed on the processor only; leave out '--device'")
         self._draw = CardKernel("noise", loops.draw_noise, None, {upper_half: upper_half_on_card})
-        self.simulate_kernel = CardKernel("simulate", loops.simulate_runs, compiled.plant)
+        self.simulate_kernel = CardKernel("simulate", loops.simulate_runs, compiled.plant, SIMULATION)
         self._copy, self._hold = (CardKernel(f.__name__, f) for f in (loops.copy_row, loops.hold_row))
         within = bool(compiled.belief.model.within)
         of_kind = {

@@ -198,7 +198,9 @@ class _Copy(Knowledge, ast.NodeTransformer):
     def _if(self, node: ast.If) -> list[ast.stmt]:
         known = self.know(node.test)
         if isinstance(known, Number):
-            return self.statements(node.body if known.value else node.orelse)
+            # a function whose result is known is called for what else it does
+            called = [ast.Expr(self.visit(node.test))] if isinstance(node.test, ast.Call) else []
+            return [*called, *self.statements(node.body if known.value else node.orelse)]
         node.test = self.visit(node.test)
         before = dict(self._known)
         node.body = self.statements(node.body) or [ast.Pass()]

@@ -151,7 +151,9 @@ class FilteredModel(ABC):
         self.compiled, self.duals = (
             compile_model(model, *options, duals=duals, jacobians=jacobians) for duals in (False, True)
         )
-        self._free = load_source("run_free", paste(self.compiled, "run_free", [time_loops.run_free]))
+        self._free = load_source(
+            "run_free", paste(self.compiled, "run_free", [time_loops.run_free], time_loops.FREE_RUN)
+        )
         self._follow = load_source("follow", paste(self.duals, "follow", [time_loops.follow]))
         self._limits = np.array([model.valid.get(name, np.inf) for name in model.states])
         starts = started_by(model)
@@ -407,7 +409,7 @@ class FilteredModel(ABC):
         inputs, between, left = drive.inputs[begin:], drive.between[begin:], np.empty((1, LANES))
         states, outputs = (np.empty((len(inputs), n, LANES)) for n in (self.compiled.nx, self.compiled.ny))
         constants, lanes = self.compiled.constants(held), np.repeat(first[:, None], LANES, axis=1)
-        self._free.run_free(inputs, between, constants, lanes, self._limits, states, outputs, left)
+        self._free.run_free((inputs, between), constants, lanes, self._limits, states, outputs, left)
         until, found = int(left[0, 0]), np.full(drive.measurements.shape, np.nan)
         found[begin : begin + until] = outputs[:until, :, 0]
         return FreeRun(states[: max(1, until), :, 0].copy(), found)

@@ -19,12 +19,9 @@ from harness.common.registry import closest
 from harness.engine.compile import CompiledModel, load_source, paste
 from harness.engine.kernel_names import (
     LANES,
-    NW,
-    NX,
     NY,
     any_of,
     get,
-    next_state,
     output,
     put,
     select,
@@ -32,6 +29,7 @@ from harness.engine.kernel_names import (
 )
 from harness.identification.data import Drive, started_by
 from harness.runner.limits import outside
+from harness.runner.simulation_loop import FREE, record_start, record_state, run_vehicle, state_room
 
 Known = Mapping[str, Mapping[str, float]]
 """Values of parameters that differ between recordings, by the name of the recording."""
@@ -41,7 +39,7 @@ AT_END = 1e-3
 
 
 def squared_errors(u, y, c, limits, x0, sums):
-    """Run eight candidates over a recording and add up their squared errors.
+    """Run eight candidates over a recording and add up their squared errors, until all have left the limits.
 
     Args:
         u: Inputs ``(samples, nu)``, the same for all candidates.
@@ -51,26 +49,37 @@ def squared_errors(u, y, c, limits, x0, sums):
         x0: First state ``(nx, LANES)``.
         sums: Sum of squares per output, then 1 for a candidate that left the limits, written ``(ny + 1, LANES)``.
     """
-    x, ahead, w = np.empty((NX, LANES)), np.empty((NX, LANES)), np.empty((NW, LANES))
-    now, seen = np.empty((u.shape[1], LANES)), np.empty((NY, LANES))
-    for i in range(NX):
-        put(get(x0, i), x, i)
+    run_vehicle((u, u), c, x0, (y, limits, sums))
+
+
+def begin_errors(samples, record):
+    """Set all sums to zero."""
+    _, _, sums = record
     for a in range(NY + 1):
         put(splat(0.0), sums, a)
-    for k in range(u.shape[0]):
-        for i in range(u.shape[1]):
-            put(splat(u[k, i]), now, i)
-        output(x, now, c, seen)
-        for a in range(NY):
-            if not np.isnan(y[k, a]):
-                rest = get(seen, a) - y[k, a]
-                put(get(sums, a) + rest * rest, sums, a)
-        next_state(x, now, c, ahead, w)
-        x, ahead = ahead, x
-        lost = select(outside(x, limits) > 0.0, 1.0, get(sums, NY))
-        put(lost, sums, NY)
-        if not any_of(lost == 0.0):
-            break
+
+
+def add_errors(k, x, u, c, room, record):
+    """Add the squared errors of a sample; return whether all candidates have left the limits."""
+    y, limits, sums = record
+    (seen,) = room
+    lost = select(outside(x, limits) > 0.0, 1.0, get(sums, NY))
+    put(lost, sums, NY)
+    output(x, u, c, seen)
+    for a in range(NY):
+        if not np.isnan(y[k, a]):
+            rest = get(seen, a) - y[k, a]
+            put(get(sums, a) + rest * rest, sums, a)
+    return not any_of(lost == 0.0)
+
+
+def room_of_errors():
+    """Return outputs in lanes."""
+    return (np.empty((NY, LANES)),)
+
+
+MISFIT = FREE | {state_room: room_of_errors, record_start: begin_errors, record_state: add_errors}
+"""Kernels that ``squared_errors`` is made of."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +136,7 @@ class Misfit:
     ) -> None:
         self.compiled, self.free, self.drives, self.jobs = compiled, tuple(free), tuple(drives), jobs
         _check(compiled, self.free, self.drives)
-        self._kernel = load_source("misfit", paste(compiled, "misfit", [squared_errors])).squared_errors
+        self._kernel = load_source("misfit", paste(compiled, "misfit", [squared_errors], MISFIT)).squared_errors
         valid = compiled.model.valid
         self._limits = np.array([valid.get(name, np.inf) for name in compiled.model.states])
         names = compiled.model.parameter_names

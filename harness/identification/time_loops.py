@@ -38,6 +38,7 @@ from harness.runner.filter_loop import (
     run_filter,
 )
 from harness.runner.limits import outside
+from harness.runner.simulation_loop import FREE, no_room, record_start, record_state, run_vehicle, state_room
 
 
 def innovate(source, belief, first, limits, total, notes):
@@ -273,12 +274,11 @@ def follow(u, between, y, constants, x0, gain, whitening, slopes):
     retain(owned)
 
 
-def run_free(u, between, constants, x0, limits, states, outputs, left_at):
+def run_free(source, constants, x0, limits, states, outputs, left_at):
     """Run the model free over the inputs of a recording, without noise and without measurements.
 
     Args:
-        u: Inputs ``(samples, nu)``.
-        between: Inputs during the step behind each sample ``(samples, nu)``.
+        source: Inputs and inputs during the step behind each sample, both ``(samples, nu)``.
         constants: ``(nc, LANES)``.
         x0: First state ``(nx, LANES)``.
         limits: Largest magnitude of each state ``(nx,)``.
@@ -286,22 +286,24 @@ def run_free(u, between, constants, x0, limits, states, outputs, left_at):
         outputs: Written ``(samples, ny, LANES)``.
         left_at: First sample outside the limits, written ``(1, LANES)``; ``samples`` if there is none.
     """
-    samples, nu = u.shape
-    owned = np.empty((NW, LANES)), np.empty((nu, LANES))
-    w, u_now = borrowed(owned)
-    u, between, states, outputs = borrowed((u, between, states, outputs))
+    run_vehicle(source, constants, x0, (limits, states, outputs, left_at))
+
+
+def begin_free(samples, record):
+    """Take it that the run stays within its limits."""
+    _, _, _, left_at = record
     put(splat(1.0 * samples), left_at, 0)
+
+
+def keep_free(k, x, u, c, room, record):
+    """Write state and outputs of a sample, and whether the state is outside its limits."""
+    limits, states, outputs, left_at = record
     for i in range(NX):
-        put(get(x0, i), states, 0, i)
-    for k in range(samples):
-        fill(u[k], u_now)
-        output(states[k], u_now, constants, outputs[k])
-        left = get(left_at, 0)
-        put(select((outside(states[k], limits) > 0.0) & (left > 1.0 * k), 1.0 * k, left), left_at, 0)
-        if k + 1 < samples:
-            fill(between[k], u_now)
-            next_state(states[k], u_now, constants, states[k + 1], w)
-    retain(owned)
+        put(get(x, i), states, k, i)
+    output(x, u, c, outputs[k])
+    left = get(left_at, 0)
+    put(select((outside(x, limits) > 0.0) & (left > 1.0 * k), 1.0 * k, left), left_at, 0)
+    return False
 
 
 @StandIn
@@ -315,3 +317,6 @@ LIKELIHOOD = RECORDING | {
     record_sample: add_likelihood,
 }
 """Kernels that ``innovate`` is made of beside the estimator's and ``note``."""
+
+FREE_RUN = FREE | {state_room: no_room, record_start: begin_free, record_state: keep_free}
+"""Kernels that ``run_free`` is made of."""

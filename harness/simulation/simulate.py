@@ -18,7 +18,7 @@ from harness.models.contracts import Profile
 from harness.models.roles import SENSORS
 from harness.models.signals import TRUTH, signal_attributes
 from harness.runner.limits import LARGEST
-from harness.runner.simulation_loop import simulate
+from harness.runner.simulation_loop import SIMULATION, simulate
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -59,7 +59,7 @@ class Simulator:
         self.compiled = compiled
         limits = dict.fromkeys(needed, LARGEST) | dict(within or {})
         self.largest = np.array([limits.get(name, 0.0) for name in compiled.signal_names])
-        source = paste(compiled, "simulate", [simulate])
+        source = paste(compiled, "simulate", [simulate], SIMULATION)
         self.loop = load_source("simulate", source).simulate
         valid = compiled.model.valid
         self.limits = np.array([valid.get(name, np.inf) for name in compiled.model.states])

@@ -145,7 +145,7 @@ def test_the_gain_that_is_kept_is_that_of_the_filter(innovations, exact):
     states, outputs = (np.empty((2, size, LANES)) for size in (innovations.compiled.nx, innovations.compiled.ny))
     begin = np.repeat(kept.state[k - 1][:, None], LANES, axis=1)
     innovations._free.run_free(
-        first.inputs, first.between, innovations.compiled.constants(held), begin,
+        (first.inputs, first.between), innovations.compiled.constants(held), begin,
         np.full(innovations.compiled.nx, np.inf), states, outputs, np.empty((1, LANES)),
     )  # fmt: skip
     corrected = states[1, :, 0] + kept.gain[k] @ kept.innovation[k]
