@@ -12,7 +12,7 @@ STUDIES := $(patsubst studies/%.toml,study-%,$(wildcard studies/*.toml))
 RECORDED := $(patsubst studies/%.toml,study-%,$(shell grep -ls 'kind *= *"from_file"' studies/*.toml))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup studies loop $(LOOPS) report test test-view proof wheel lint attribution attribution-docs foreign sensitivity check-proof tuning-proof fuzz faults audit endurance scale short-runs bench lock clean study-narx-architecture study-realtime study-identify-swarm study-identify-em reproduce-box reproduce-nearest reproduce notebooks docs $(IDENTIFY) $(STUDIES)
+.PHONY: help setup studies loop $(LOOPS) report test test-view proof wheel lint attribution attribution-docs foreign sensitivity check-proof tuning-proof fuzz mutation faults audit endurance scale short-runs bench lock clean study-narx-architecture study-realtime study-identify-swarm study-identify-em reproduce-box reproduce-nearest reproduce notebooks docs $(IDENTIFY) $(STUDIES)
 
 help:            ## show the targets
 	@echo "study-<name>              run studies/<name>.toml, write results/<name>/report.html and .pdf;"
@@ -138,6 +138,9 @@ tuning-proof: $(VENV)/dev.stamp ## count how often the intervals of harness tune
 
 fuzz: $(VENV)/dev.stamp ## read INPUTS=100000 broken files of every kind; each is read or refused in words (exit status 1 if not)
 	PYTHONPATH=tests $(BIN)/python -m bench.fuzz $(if $(INPUTS),--inputs $(INPUTS)) $(if $(SEED),--seed $(SEED)) --out results/fuzz
+
+mutation: $(VENV)/dev.stamp ## change the numeric code in COUNT=100 places, one at a time, and count which a test sees (an hour; SEED)
+	$(BIN)/python -m bench.mutation $(if $(COUNT),--count $(COUNT)) $(if $(SEED),--seed $(SEED)) $(if $(JOBS),--jobs $(JOBS))
 
 faults: $(VENV)/dev.stamp ## kill, fill, cut, flip, suspend and compare the bits: the long form (half an hour; SEED=...)
 	PYTHONPATH=tests $(BIN)/python -m bench.faults --out results/faults $(if $(SEED),--seed $(SEED))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import time
 
 from rich.console import Console
@@ -12,13 +11,14 @@ from bench import engine
 from bench.peers import filterpy_filter
 from bench.peers.problem import problem
 from bench.timing import quickest
+from harness.common.arguments import Parser
 from harness.engine.simd.lanes import LANES
 from harness.study.provenance import processor
 
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(prog="python -m bench", description=__doc__)
+    parser = Parser(prog="python -m bench", description=__doc__)
     parser.add_argument(
         "--rounds", type=int, default=15, help="measurements of each, the quickest counts (%(default)s)"
     )

@@ -7,7 +7,6 @@ by rounding alone, which decides where a filter diverges.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import importlib.util
 import time
@@ -22,6 +21,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bench.engine import ROOT, tiled
+from harness.common.arguments import Parser
 from harness.config import Study, load_study
 from harness.cuda.kernels import CardKernel, name_of_card
 from harness.cuda.on_card import Begun, CardEvaluator, Loaded
@@ -135,7 +135,7 @@ def rounding(evaluator: StudyEvaluator, unit: Unit) -> dict[str, dict[str, float
 
 def main(arguments: list[str] | None = None) -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = Parser(description=__doc__)
     parser.add_argument("--runs", type=int, nargs="+", default=RUNS)
     parser.add_argument("--samples", type=int, default=2000)
     parser.add_argument("--rounds", type=int, default=3)

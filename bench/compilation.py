@@ -6,7 +6,6 @@ does by itself (``harness.engine.simd.light_compilation``).
 
 from __future__ import annotations
 
-import argparse
 import os
 import tempfile
 import time
@@ -15,6 +14,7 @@ from pathlib import Path
 from numba.core import event, ir
 from rich.console import Console
 
+from harness.common.arguments import Parser
 from harness.config import load_study
 from harness.engine.simd.light_compilation import RARE_COLLECTION
 from harness.study.evaluate import StudyEvaluator
@@ -40,7 +40,7 @@ def compilation(study: Path) -> list[tuple[str, float]]:
 
 def main() -> None:
     """Compile and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = Parser(description=__doc__)
     parser.add_argument("study", type=Path, nargs="?", default=Path("studies/mass.toml"))
     parser.add_argument("--plain", action="store_true", help="as numba does by itself")
     chosen = parser.parse_args()

@@ -18,6 +18,7 @@ from rich.console import Console
 
 from bench.attribution.run import PLANT, listed
 from bench.attribution.score import Scored, score
+from harness.common.arguments import Parser
 
 STUDY = Path("studies/loops/semitrailer.toml")
 FOLDER = Path("results/loop-semitrailer")
@@ -48,7 +49,7 @@ def verdict(scored: Scored) -> str:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; return the exit status: 0 if the trace was right, 1 if not, others without a trace."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, help="draw this effect again; another one each time if absent")
     parser.add_argument("--study", type=Path, default=STUDY, help="loop file of these drives (%(default)s)")
     given = parser.parse_args(arguments)

@@ -7,7 +7,6 @@ pivot, as a share of its variance, says how far it is from being singular.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import time
 
@@ -16,6 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bench.engine import mass_study
+from harness.common.arguments import Parser
 from harness.common.arrays import Floats
 from harness.engine.compile import load_source, paste
 from harness.engine.kernel_names import (
@@ -167,7 +167,7 @@ def _worst(found: Floats, seconds: float) -> Endured:
 
 def main() -> None:
     """Run and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = Parser(description=__doc__)
     parser.add_argument("--hours", type=float, default=24.0)
     parser.add_argument("--kind", action="append", help=f"of {', '.join(KINDS)}; repeatable")
     given = parser.parse_args()

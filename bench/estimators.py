@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from bench.remedy import table
+from harness.common.arguments import Parser
 from harness.common.arrays import Floats
 from harness.config import Study, build_study
 from harness.engine.simd.lanes import LANES
@@ -133,7 +134,7 @@ def measure(kinds: list[str], steering: str) -> None:
 
 def main() -> None:
     """Measure the estimators named."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("kinds", nargs="*", metavar="KIND", help="estimators; the first is what others are over")
     parser.add_argument("--steering", choices=list(STEERING), default="unknown")
     chosen = parser.parse_args()

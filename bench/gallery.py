@@ -9,7 +9,6 @@ not written, so its bytes stay.
 
 from __future__ import annotations
 
-import argparse
 import html
 import io
 import os
@@ -27,6 +26,7 @@ from rich.console import Console
 from rich.text import Text
 
 from bench import view_pictures
+from harness.common.arguments import Parser
 from support.documented import parts
 
 PAGE, PAGES = "docs/gallery.md", ("gallery.md", "view.md")
@@ -134,7 +134,7 @@ def renew_pictures(folder: Path, docs: Path, console: Console) -> None:
 
 def main() -> None:
     """Run the commands and renew the pictures."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = Parser(description=__doc__)
     parser.add_argument("docs", type=Path, help="folder that holds gallery.md")
     docs = parser.parse_args().docs
     console = Console(stderr=True)

@@ -6,7 +6,6 @@ intervals of so many simulated recordings hold the truth.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import time
 
@@ -16,6 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bench.timing import quickest
+from harness.common.arguments import Parser
 from harness.config import ModelSpec, resolve_single
 from harness.engine.simd.lanes import LANES
 from harness.identification.contract import Fit, Problem
@@ -109,7 +109,7 @@ def coverage(sets: int, profiles: bool = False) -> dict[str, float]:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = Parser(description=__doc__)
     parser.add_argument("--coverage", type=int, metavar="SETS", help="simulated recordings in place of times")
     chosen = parser.parse_args()
     console = Console()

@@ -6,12 +6,13 @@ of a notebook that no test has run yet.
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 from pathlib import Path
 
 import nbclient
 import nbformat
+
+from harness.common.arguments import Parser
 
 
 def run(notebook: Path, out: Path) -> None:
@@ -29,7 +30,7 @@ def run(notebook: Path, out: Path) -> None:
 
 def main() -> None:
     """Run and write."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = Parser(description=__doc__)
     parser.add_argument("notebook", type=Path)
     parser.add_argument("out", type=Path)
     chosen = parser.parse_args()

@@ -6,7 +6,6 @@ until what answers is painted; what is read there is printed. Reading takes its 
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 from collections.abc import Iterator
@@ -14,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.view_pictures import ARGUMENTS, BROWSER, IDLE, served
+from harness.common.arguments import Parser
 
 HEAVIER = 2.0
 """Tonnes by which the trailer of the third question becomes heavier."""
@@ -119,7 +119,7 @@ def answers(chromium: Any, addresses: dict[str, str]) -> Iterator[str]:
 
 def main() -> None:
     """Answer the five questions."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = Parser(description=__doc__)
     parser.add_argument("mass", type=Path, help="results of the mass study")
     parser.add_argument("trace", type=Path, help="results of a trace")
     chosen = parser.parse_args()

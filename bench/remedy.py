@@ -301,6 +301,6 @@ def _against_known(filters: Mapping[str, Mapping[str, Any]], levels: Sequence[st
 PARTS = {f.__name__: f for f in (estimated, considered, unweighed, straight, steering, particles, bank, alternatives)}
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=list(PARTS))
     PARTS[parser.parse_args().what]()

@@ -8,7 +8,6 @@ threads with Dask workers (``bench.short_runs``).
 
 from __future__ import annotations
 
-import argparse
 import os
 import re
 import shutil
@@ -21,6 +20,7 @@ from rich.console import Console
 
 from bench.short_runs import against_dask, measure
 from harness.common import stores
+from harness.common.arguments import Parser
 from harness.config import load_study
 from harness.study import checksums
 from harness.study.design import units
@@ -97,7 +97,7 @@ def make(folder: Path, runs: int) -> Path:
 
 def main() -> None:
     """Make a store, write its report, and say what that took."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = Parser(description=__doc__)
     parser.add_argument("--runs", type=int, default=10_000_000)
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--run", action="store_true", help="compute the runs")

@@ -22,6 +22,8 @@ from typing import Any
 
 from rich.console import Console
 
+from harness.common.arguments import Parser
+
 COMMANDS = ("mass", "joint", "trace")
 CASE = "semitrailer-crosswind-medium"
 
@@ -111,7 +113,7 @@ def once(command: str, profiled: bool) -> None:
 
 def main() -> None:
     """Run each command warm, then without and with the profiler, and print a table."""
-    parser = argparse.ArgumentParser(prog="python -m bench.shares", description=__doc__)
+    parser = Parser(prog="python -m bench.shares", description=__doc__)
     parser.add_argument("--only", nargs="+", choices=COMMANDS, default=COMMANDS, help="some of the commands")
     parser.add_argument("--once", choices=COMMANDS, help=argparse.SUPPRESS)
     parser.add_argument("--profiled", action="store_true", help=argparse.SUPPRESS)

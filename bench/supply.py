@@ -9,7 +9,6 @@ warns of.
 
 from __future__ import annotations
 
-import argparse
 import base64
 import hashlib
 import importlib.metadata as metadata
@@ -23,6 +22,8 @@ from typing import Any
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from packaging.version import InvalidVersion, Version
+
+from harness.common.arguments import Parser
 
 ROOT = Path(__file__).resolve().parents[1]
 LOCKS = {
@@ -199,7 +200,7 @@ def renewed(page: str, table: str) -> str:
 
 def main(arguments: Sequence[str]) -> int:
     """Say what is wrong; 1 if anything is."""
-    parser = argparse.ArgumentParser(prog="python -m bench.supply", description="Audit the locks, without a network.")
+    parser = Parser(prog="python -m bench.supply", description="Audit the locks, without a network.")
     parser.add_argument("--advisories", type=Path, help="copy of the PyPA advisory database, or of a part of it")
     parser.add_argument("--page", action="store_true", help="renew the list of licences in docs/reliability.md")
     given = parser.parse_args(arguments)

@@ -7,7 +7,6 @@ one. The command says which those are; it knows nothing of the truth.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import json
 import math
@@ -22,6 +21,7 @@ from rich.console import Console
 from rich.progress import track
 from scipy import stats
 
+from harness.common.arguments import Parser
 from harness.config import DriveSpec, ModelSpec, resolve_single
 from harness.models.quantities import words
 from harness.recorded.run import RecordedModel
@@ -221,7 +221,7 @@ def _share(inside: Sequence[bool]) -> str:
 
 def main() -> None:
     """Count and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = Parser(description=__doc__)
     parser.add_argument("--sets", type=int, default=18, help="recordings of every case")
     parser.add_argument("--first", type=int, default=0, help="first seed; another one draws everything anew")
     parser.add_argument("--cases", default="", help="only those whose name begins so, such as semitrailer")

@@ -7,7 +7,6 @@ is told apart. Processor times say what a machine takes that does other work as 
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import os
 import subprocess
@@ -21,6 +20,7 @@ import numpy as np
 
 from bench import scale
 from bench.view_pictures import ARGUMENTS, BROWSER, IDLE
+from harness.common.arguments import Parser
 
 CLICKS, STEPS = 8, 12
 STEP = 6
@@ -143,7 +143,7 @@ def _dragged(page: Any, server: int) -> Iterator[str]:
 
 def main() -> None:
     """Measure the page of a result folder."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = Parser(description=__doc__)
     parser.add_argument("folder", type=Path, help="result folder; made there with --runs")
     parser.add_argument("--runs", type=int, help="make a store of so many runs first")
     chosen = parser.parse_args()

@@ -26,6 +26,7 @@ from pydantic import Field
 from rich.console import Console
 
 from harness.cli.options import answers_errors
+from harness.common.arguments import Parser
 from harness.common.arrays import Floats
 from harness.common.stages import showing
 from harness.config import ModelSpec
@@ -138,7 +139,7 @@ def calibrated(recording: xr.Dataset, values: Mapping[str, float]) -> xr.Dataset
 
 
 def _arguments() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m reproductions.identify_measured", description=__doc__)
+    parser = Parser(prog="python -m reproductions.identify_measured", description=__doc__)
     parser.add_argument("file", type=Path, help="such as studies/identify/genesis.toml")
     parser.add_argument("--out", type=Path, required=True, help="folder to write to")
     parser.add_argument("--jobs", type=int, default=None, help="threads; all cores if absent")

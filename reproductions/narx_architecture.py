@@ -21,6 +21,7 @@ import numpy as np
 from rich.console import Console
 
 from harness.cli.options import answers_errors
+from harness.common.arguments import Parser
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.files import write_files
@@ -184,7 +185,7 @@ def _words(shape: tuple[int, int]) -> str:
 
 
 def _arguments() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m reproductions.narx_architecture", description="Choose a network.")
+    parser = Parser(prog="python -m reproductions.narx_architecture", description="Choose a network.")
     parser.add_argument("--out", type=Path, required=True, help="folder to write to")
     parser.add_argument("--drives", type=Path, default=training_data.DRIVES, help="file of drives")
     parser.add_argument("--trailer-mass", default="24 t", help="of the simulated semitrailer")

@@ -19,6 +19,7 @@ import joblib
 import numpy as np
 
 from harness.cli.options import answers_errors
+from harness.common.arguments import Parser
 from harness.common.errors import UserError
 from harness.estimation.narx_network import Network, save
 from reproductions.narx import data as training_data
@@ -51,7 +52,7 @@ def table(found: Sequence[Candidate], outputs: Sequence[str]) -> str:
 
 
 def _arguments() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m reproductions.narx_training", description="Train a NARX network.")
+    parser = Parser(prog="python -m reproductions.narx_training", description="Train a NARX network.")
     parser.add_argument("--out", type=Path, required=True, help="network file to write (.npz)")
     parser.add_argument("--drives", type=Path, default=training_data.DRIVES, help="file of drives")
     parser.add_argument("--parameters", default="ziaukas_2023", help="set of the semitrailer, or a TOML file")

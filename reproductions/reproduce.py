@@ -18,6 +18,7 @@ from typing import Any
 from rich.console import Console
 
 from harness.cli.options import answers_errors
+from harness.common.arguments import Parser
 from harness.common.errors import UserError
 from harness.common.files import json_text, read_text, renewed, write_files
 from harness.common.stages import showing
@@ -122,7 +123,7 @@ def as_json(found: Sequence[Chapter], listed: Sequence[Origin], made: str) -> di
 
 
 def _arguments() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog=f"python -m {WHOLE}", description="Compare published numbers with ours.")
+    parser = Parser(prog=f"python -m {WHOLE}", description="Compare published numbers with ours.")
     parser.add_argument("--results", type=Path, default=Path("results"), help="folder of the stored results")
     parser.add_argument("--out", type=Path, default=Path("results/reproduction"), help="folder to write to")
     parser.add_argument("--page", type=Path, default=PAGE, help="page to renew between its marks")

@@ -19,6 +19,7 @@ import numpy as np
 from rich.console import Console
 
 from harness.cli.options import answers_errors
+from harness.common.arguments import Parser
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.config import DriveSpec, ModelSpec, resolve_single
@@ -119,7 +120,7 @@ def profiles(seed: int) -> tuple[Floats, Floats]:
 
 
 def _arguments() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m reproductions.sun_em", description=__doc__)
+    parser = Parser(prog="python -m reproductions.sun_em", description=__doc__)
     parser.add_argument("--out", type=Path, required=True, help="folder to write to")
     parser.add_argument("--repeats", type=int, default=50, help="recordings with fresh noise")
     parser.add_argument("--beside", type=int, default=10, help="of them for the methods beside EM with the smoother")

@@ -8,11 +8,11 @@ shows what is left to gain, as the model is almost linear.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 
 import numpy as np
 
+from harness.common.arguments import Parser
 from harness.common.arrays import Floats
 from harness.engine.compile import CompiledModel, compile_model
 from harness.engine.simd.lanes import LANES
@@ -89,7 +89,7 @@ def rmse_of_runs(repeats: int, seed: int, sizes: Sequence[int] = SIZES) -> dict[
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description="Table 3.1 of Sun 2015 beside ours")
+    parser = Parser(description="Table 3.1 of Sun 2015 beside ours")
     parser.add_argument("--repeats", type=int, default=4, choices=range(1, LANES + 1), help="runs with fresh noise")
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()

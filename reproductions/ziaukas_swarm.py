@@ -24,6 +24,7 @@ from rich.console import Console
 from scipy.optimize import differential_evolution
 
 from harness.cli.options import answers_errors
+from harness.common.arguments import Parser
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.files import BUNDLED_STUDIES
@@ -187,7 +188,7 @@ def _as_arrays(search: Callable[[int], SwarmResult], seed: int) -> dict[str, Any
 
 
 def _arguments() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m reproductions.ziaukas_swarm", description=__doc__)
+    parser = Parser(prog="python -m reproductions.ziaukas_swarm", description=__doc__)
     parser.add_argument("--out", type=Path, required=True, help="folder to write to")
     parser.add_argument("--drives", type=Path, default=DRIVES, help="file of drives")
     parser.add_argument("--repeats", type=int, default=10, help="runs of the swarm")

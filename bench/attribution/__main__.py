@@ -23,12 +23,13 @@ from bench.attribution.gate import SHARES, drawn
 from bench.attribution.run import NOMINAL, QUALITIES, Case, listed, run_all
 from bench.attribution.score import FAILED, MAGNITUDES, Scored, score, text
 from bench.attribution.tables import case_table, tables
+from harness.common.arguments import Parser
 from harness.common.files import write_files
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run, score, print and write."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="python -m bench.attribution", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--cases", nargs="+", default=[], help="names from the plant's list")

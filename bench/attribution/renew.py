@@ -14,6 +14,7 @@ from bench.attribution.figures import caption, figures
 from bench.attribution.score import load
 from bench.attribution.tables import tables
 from harness.cli.options import answers_errors
+from harness.common.arguments import Parser
 from harness.common.errors import UserError
 from harness.common.files import renewed, write_files
 
@@ -29,7 +30,7 @@ MARKS = {
 @answers_errors
 def main(arguments: Sequence[str]) -> None:
     """Write the page and the figures."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("results", type=Path, nargs="?", default=Path("results/attribution/attribution.json"))
     given = parser.parse_args(arguments)
     if not given.results.exists():

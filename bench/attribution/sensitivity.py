@@ -28,6 +28,7 @@ from bench.attribution.score import Scored, as_plain, of_plain, score
 from bench.attribution.tables import header, line, median
 from harness.cli.options import answers_errors
 from harness.common import sources
+from harness.common.arguments import Parser
 from harness.common.errors import UserError
 from harness.common.files import renewed, write_files
 from harness.models.quantities import words
@@ -58,7 +59,7 @@ Found = Mapping[Key, Traced]
 @answers_errors
 def main(arguments: Sequence[str]) -> None:
     """Trace what was not traced yet, write the tables and print them."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="python -m bench.attribution.sensitivity",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,

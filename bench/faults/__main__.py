@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import random
 import shutil
@@ -13,11 +12,12 @@ from pathlib import Path
 
 from bench.faults.faults import PLAN, SHORT, Fault, Unexpected
 from bench.faults.jobs import Job, jobs
+from harness.common.arguments import Parser
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Strike each job as planned; return 0 if every one had the same bits afterwards."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = Parser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("results/faults"))
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", default="", help="names, comma-separated; all if absent")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections import Counter
 from types import SimpleNamespace
 from typing import Any
@@ -16,6 +15,7 @@ from bench.engine import mass_study, step_times
 from bench.floor.counting import counted, counts
 from bench.floor.particle import parts
 from bench.floor.throughput import EXACT_NORMAL, throughput
+from harness.common.arguments import Parser
 from harness.engine import standard_normal
 from harness.engine.simd.lanes import LANES
 from harness.study.design import Unit
@@ -79,7 +79,7 @@ def _per_step(run, short: int, long: int) -> dict[str, float]:
 
 def main() -> None:
     """Measure and print."""
-    argparse.ArgumentParser(prog="python -m bench.floor", description=__doc__).parse_args()
+    Parser(prog="python -m bench.floor", description=__doc__).parse_args()
     console = Console(width=140)
     with console.status("measuring"):
         each, times, done = throughput(), step_times(), operations()

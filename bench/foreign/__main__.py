@@ -19,6 +19,7 @@ from bench.foreign.cases import CASES
 from bench.foreign.run import run_all
 from bench.foreign.score import gathered, table
 from harness.cli.options import answers_errors
+from harness.common.arguments import Parser
 from harness.common.errors import UserError, closest
 from harness.common.files import write_files
 
@@ -30,7 +31,7 @@ def main(arguments: Sequence[str]) -> None:
     Raises:
         UserError: If there is no such case, or nothing was traced.
     """
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="python -m bench.foreign", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--cases", nargs="+", default=list(CASES), metavar="CASE", help="their letters (all)")

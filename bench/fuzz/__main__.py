@@ -6,7 +6,6 @@ description. Exit status 1 if there is any.
 
 from __future__ import annotations
 
-import argparse
 import functools
 import resource
 import sys
@@ -15,11 +14,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from bench.fuzz.run import fuzz
+from harness.common.arguments import Parser
 
 
 def main(arguments: Sequence[str]) -> int:
     """Read broken files and say what was found."""
-    parser = argparse.ArgumentParser(prog="python -m bench.fuzz", description="Broken input by the hundred thousand.")
+    parser = Parser(prog="python -m bench.fuzz", description="Broken input by the hundred thousand.")
     parser.add_argument("--inputs", type=int, default=100_000, help="over all kinds")
     parser.add_argument("--seed", type=int, default=0, help="other inputs for each")
     parser.add_argument("--kind", action="append", help="only this kind; repeatable")

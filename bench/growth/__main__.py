@@ -19,6 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bench.growth.points import CURVES
+from harness.common.arguments import Parser
 from harness.study.provenance import processor
 
 LAST = 3
@@ -71,7 +72,7 @@ def draw(found: dict[str, dict[str, list[float]]], path: Path) -> None:
 
 def main() -> None:
     """Measure what is missing, print the table and draw the figure."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path("results/growth"))
     parser.add_argument("--largest", type=int, default=1_000_000, help="leave larger sizes out")
     parser.add_argument("--point", nargs=2, metavar=("CURVE", "SIZE"), help="measure one point and print it")

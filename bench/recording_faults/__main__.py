@@ -22,6 +22,7 @@ from bench.recording_faults.foreign_run import coverage
 from bench.recording_faults.foreign_run import run as run_foreign
 from bench.recording_faults.foreign_run import table as table_of_foreign
 from bench.recording_faults.run import CLEAN, Scored, run
+from harness.common.arguments import Parser
 
 RECALL, FALSE_ALARMS = 0.95, 0.02
 
@@ -58,7 +59,7 @@ def summary(found: Sequence[Scored], measured: bool) -> tuple[str, float, float]
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; return the exit status: 0 if recall and false alarms are as they should be."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", default="1000:1010", help="first and last (excluded) seed of the simulated drives")
     parser.add_argument("--foreign", default="1000:1050", help="first and last (excluded) seed of the foreign drives")
     parser.add_argument("--jobs", type=int, default=2, help="processes")

@@ -6,7 +6,6 @@ reference semitrailer; ``python -m harness.cli.drive_tables --kinds`` prints the
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 import sympy as sp
 
 from harness.cli.options import answers_errors
+from harness.common.arguments import Parser
 from harness.common.units import registry as unit_registry
 from harness.models.assembly.assemble import Model, assemble, symbol
 from harness.models.contracts import DriveContext, Option, Profile
@@ -186,7 +186,7 @@ def _bounds(option: Option) -> str:
 @answers_errors
 def main(arguments: Sequence[str]) -> None:
     """Print the tables of the documentation."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="python -m harness.cli.drive_tables", description="Tables of the drives of a file, or of the kinds"
     )
     wanted = parser.add_mutually_exclusive_group(required=True)

@@ -89,7 +89,8 @@ class _Command(typer.core.TyperCommand):
         given, _, order = self.make_parser(ctx).parse_args(list(args))
         for option in (p for p in order if isinstance(p, typer.core.TyperOption)):
             values = given[str(option.name)] if option.multiple else [""] * order.count(option)
-            twice = next((v for n, v in enumerate(values) if v in values[:n]), None)
+            meant = [os.path.realpath(v) for v in values]  # ./a is a, and a word that is no file stays itself
+            twice = next((v for n, v in enumerate(values) if meant[n] in meant[:n]), None)
             if twice is not None and (not option.is_flag or option.secondary_opts):
                 raise typer.BadParameter(f"is given twice{twice and f', as {twice}'}; give it once", ctx, option)
         return super().parse_args(ctx, args)

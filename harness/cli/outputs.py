@@ -23,6 +23,9 @@ RESULTS = {
 _FOLDERS = {*RESULTS, "check", "observability"}
 """Commands whose ``--out`` is a folder."""
 
+_STORES = ("zarr.json", ".zgroup", ".zarray")
+"""What tells a store of Zarr, of version 3 and 2."""
+
 _WRITES_TOO = {"loop": ("trace",)}
 """What a command writes besides."""
 
@@ -35,7 +38,7 @@ def refuse_unfit(command: str, out: Path) -> None:
         out: What it writes.
 
     Raises:
-        UserError: If it is a file, cannot be written to, or holds a result whose report would be written over.
+        UserError: If it is a file, a store, cannot be written to, or holds a result whose report would be written over.
     """
     if command not in _FOLDERS or is_url(out):
         return
@@ -44,6 +47,10 @@ def refuse_unfit(command: str, out: Path) -> None:
         raise UserError(f"{there} is a file, where --out names a folder; choose another name")
     if not os.access(there, os.W_OK | os.X_OK):
         raise UserError(f"{out}: nothing may be written to {there}; choose another folder with --out")
+    if any((out / mark).exists() for mark in _STORES):
+        raise UserError(
+            f"{out} is a store of Zarr, in which nothing else may lie; choose the folder around it or another"
+        )
     allowed = (command, "campaign", *_WRITES_TOO.get(command, ()))
     others = [name for name, file in RESULTS.items() if name not in allowed and (out / file).exists()]
     if others and command in RESULTS:

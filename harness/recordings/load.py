@@ -212,11 +212,14 @@ def _grid(raws: list[Raw], clock: Clock, mapping: ChannelMap, file: str) -> Floa
     count = int((last - first) / step + 1e-6) + 1
     if count > _LONGEST:
         jump = int(np.diff(clock.time).argmax())
-        raise UserError(
-            f"{file}: {last - first:.6g} s at a step of {step:g} s are {count} samples; the clock jumps from "
-            f"{clock.time[jump]:.6g} to {clock.time[jump + 1]:.6g} s at row {clock.rows[jump] + 1}: cut with start and "
-            "stop"
+        before, after = clock.time[jump : jump + 2]
+        why = (
+            f"take one nearer to that of the file, {clock.step:g} s"
+            if after - before < 0.5 * (last - first)
+            else f"the clock jumps from {before:.6g} to {after:.6g} s at row {clock.rows[jump] + 1}: cut with start "
+            "and stop"
         )
+        raise UserError(f"{file}: {last - first:.6g} s at a step of {step:g} s are {float(count):.6g} samples; {why}")
     if count < 2:
         raise UserError(f"{file}: lasts {last - first:.3g} s, less than one step of {step:g} s")
     return first + step * np.arange(count)

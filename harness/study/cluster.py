@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.text import Text
 
-from harness.common import components
+from harness.common import components, lock, places
 from harness.common.errors import ModelError, UserError, WorkError
 from harness.common.process import keep_freed_memory
 from harness.common.sources import has_file
@@ -157,11 +157,11 @@ def check_workers(client: Client, study: Study, folder: Path, console: Console) 
     Args:
         client: Of the cluster.
         study: The study.
-        folder: Result folder with the store.
+        folder: Result folder, with the store or the lock of this process.
         console: Where a warning is shown.
 
     Raises:
-        UserError: If a worker does not see the store, lacks the harness, or runs other code or packages.
+        UserError: If a worker does not see the folder, lacks the harness, or runs other code or packages.
     """
     expected = code_state(study)
     try:
@@ -193,7 +193,7 @@ def check_workers(client: Client, study: Study, folder: Path, console: Console) 
 def _about(study: Study, folder: Path, found: components.Carried) -> dict[str, Any]:
     """Return what a worker is; runs there."""
     components.take_over(found)
-    sees = sealed_root.is_there(folder / STORE)
+    sees = sealed_root.is_there(folder / STORE) or places.contents(folder, [lock.FILE]) != [None]
     return {**code_state(study), "sees_store": sees, "host": platform.node(), "processor": processor()}
 
 

@@ -154,6 +154,10 @@ def _run(
     if store is not None and left < total:
         console.print(f"{total - left:,} of {total:,} runs are in {store.path} already")
     if todo:
+        if client is not None:
+            from harness.study import cluster
+
+            cluster.check_workers(client, study, out, console)
         from harness.study.grip import asked_too_much
 
         for sentence in asked_too_much(study, evaluator().compiled):
@@ -242,7 +246,6 @@ def _evaluate(
     else:
         from harness.study import cluster
 
-        cluster.check_workers(client, study, store.folder, console)
         each = None if plan.seconds is None else plan.seconds * min(plan.workers, len(todo)) / len(todo)
         finished = cluster.evaluate(client, study, store.folder, todo, console, each)
     columns = (

@@ -18,6 +18,7 @@ import joblib
 import numpy as np
 
 from harness.cli.options import answers_errors
+from harness.common.arguments import Parser
 from harness.common.errors import UserError
 from harness.common.files import json_text, read_text, renewed, write_files
 from harness.reporting.document import write
@@ -36,9 +37,7 @@ LEAST = 32
 
 
 def _arguments() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="python -m reproductions.box", description="Which findings survive what is not published?"
-    )
+    parser = Parser(prog="python -m reproductions.box", description="Which findings survive what is not published?")
     parser.add_argument("--out", type=Path, required=True, help="folder to write to, and to go on from")
     parser.add_argument("--points", type=int, default=256, help="points of the Sobol sequence, a power of two")
     parser.add_argument("--generations", type=int, default=8, help="generations of the search for the nearest point")

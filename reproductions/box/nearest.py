@@ -18,6 +18,7 @@ from pathlib import Path
 import joblib
 
 from harness.cli.options import answers_errors
+from harness.common.arguments import Parser
 from harness.common.files import read_text, renewed, toml_text, write_files
 from harness.models.quantities import listed
 from harness.reporting.document import Block, Document, Drawing, Heading, Listing, Prose, Section, Sheet, plain, write
@@ -163,9 +164,7 @@ def markdown(found: Nearest, command: str) -> str:
 
 
 def _arguments() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="python -m reproductions.box.nearest", description="Which findings hold at the nearest point?"
-    )
+    parser = Parser(prog="python -m reproductions.box.nearest", description="Which findings hold at the nearest point?")
     parser.add_argument("--out", type=Path, required=True, help="folder to write to")
     parser.add_argument("--network", default=TRAINED, help="network trained at the point: a name or an .npz file")
     parser.add_argument("--page", type=Path, help="page to renew between its marks, such as docs/unpublished.md")

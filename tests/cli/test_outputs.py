@@ -1,11 +1,16 @@
 """What the command line refuses before anything is computed: empty words, options given twice, other results."""
 
+from pathlib import Path
+
 import pytest
 from typer.testing import CliRunner
 
+from harness.cli import identify_measured
 from harness.cli.main import app
 from harness.cli.outputs import RESULTS
 from harness.common.files import BUNDLED_STUDIES
+
+ROOT = Path(__file__).parents[2]
 
 
 def harness(*arguments):
@@ -39,6 +44,8 @@ def test_an_empty_word_is_not_the_working_directory(tmp_path, monkeypatch, line)
         (("new", "parameters", "x", "--model", "car", "-m", "car"), "--model"),
         (("estimate", "-m", "car", "-d", "a.csv", "--data", "a.csv", "-e", "ekf", "-o", "there"), "--data"),
         (("trace", "-m", "car", "--train", "a.csv", "--train=a.csv", "-t", "b.csv", "-o", "there"), "--train"),
+        (("trace", "-m", "car", "--train", "a.csv", "--train", "./a.csv", "-t", "b.csv", "-o", "there"), "--train"),
+        (("estimate", "-m", "car", "-d", "x/../a.csv", "-d", "a.csv", "-e", "ekf", "-o", "there"), "--data"),
         (("simulate", "car", "--drive", "sine", "-o", "a.csv", "--set", "mass=2t", "--set", "mass = 3t"), "--set mass"),
         (("simulate", "car", "--drive", "sine", "-o", "a.csv", "--option", "speed=1", "--option", "speed=2"), "speed="),
         (("estimate", "-m", "car", "-d", "a.csv", "-e", "ukf,alpha=1,alpha=2", "-o", "there"), "ukf, alpha="),
@@ -53,6 +60,23 @@ def test_an_option_is_given_once(tmp_path, monkeypatch, line, option):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_link_to_a_recording_is_that_recording(tmp_path):
+    (tmp_path / "link.csv").symlink_to(tmp_path / "a.csv")
+    data = [word for name in ("a.csv", "link.csv") for word in ("--data", tmp_path / name)]
+    status, said = harness("estimate", "-m", "car", *data, "-e", "ekf", "-o", tmp_path / "there")
+    assert status == 2
+    assert "is given twice" in said
+
+
+def test_a_module_takes_an_option_once(tmp_path, capsys):
+    with pytest.raises(SystemExit) as ended:
+        identify_measured.main(["a.toml", "--out", str(tmp_path / "a"), "--out", str(tmp_path / "b")])
+    assert ended.value.code == 2
+    assert "argument --out: is given twice; give it once" in capsys.readouterr().err
+    own = [path.name for path in (ROOT / "harness").rglob("*.py") if "argparse.ArgumentParser(" in path.read_text()]
+    assert own == []  # harness.common.arguments.Parser it is
+
+
 def test_options_that_say_the_same_twice_without_a_value_are_taken():
     assert harness("cache", "--clear", "--clear", "--help")[0] == 0
 
@@ -63,6 +87,16 @@ def test_no_estimators_are_an_empty_list(none):
     assert status == 2
     assert "empty" not in said
     assert "a.csv" in said
+
+
+@pytest.mark.parametrize("mark", ["zarr.json", ".zgroup"])
+@pytest.mark.parametrize("command", ["run", "campaign"])
+def test_a_store_is_no_result_folder(tmp_path, command, mark):
+    (tmp_path / mark).write_text("{}")
+    status, said = harness(command, *([] if command == "campaign" else ["kalman-lecture"]), "--out", tmp_path)
+    assert status == 2
+    assert "is a store of Zarr" in said
+    assert [path.name for path in tmp_path.iterdir()] == [mark]
 
 
 @pytest.mark.parametrize(("command", "other"), [("remedy", "run"), ("run", "trace"), ("campaign", "estimate")])

@@ -176,6 +176,14 @@ def test_clock_that_jumps_far_ahead_is_refused(tmp_path):
         load_recording(path)
 
 
+def test_a_step_that_is_far_too_small_is_refused_in_a_line(tmp_path):
+    path, _ = stored(tmp_path, {"time": TIME, "yaw_rate": np.sin(TIME)})
+    with pytest.raises(
+        UserError, match=r"at a step of 1e-140 s are \d\.?\d*e\+14\d samples; take one nearer to that of"
+    ):
+        load_recording(path, step=1e-140)
+
+
 def test_an_input_with_a_gap_names_the_longest_part_without(tmp_path):
     columns = drive(TIME)
     step, keep = TIME[1] - TIME[0], ~((TIME > 3) & (TIME < 4))

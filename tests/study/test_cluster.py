@@ -162,6 +162,13 @@ def test_workers_that_would_not_write_the_same_are_refused(study, alone, client,
             cluster.check_workers(client, study, alone, console)
 
 
+def test_refused_workers_leave_no_store(study, client, console, tmp_path, monkeypatch):
+    monkeypatch.setattr(cluster, "code_state", lambda study: code_state(study) | {"engine": "other"})
+    with pytest.raises(UserError, match="other code of this project"):
+        run_study(study, tmp_path / "new", console=console, client=client)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_other_processors_are_pointed_out(study, alone, client, console, monkeypatch):
     monkeypatch.setattr(cluster, "processor", lambda: "abacus")
     cluster.check_workers(client, study, alone, console)
