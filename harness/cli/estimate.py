@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.text import Text
 
 from harness.cli.options import (
+    MOST,
     EffectOption,
     ModelOptions,
     ParametersOption,
@@ -88,7 +89,9 @@ def estimate(
         Literal["csv", "parquet", "nc"], typer.Option("--format", help="Of the files with the estimates over time.")
     ] = "csv",
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of estimators that draw random numbers.")] = 0,
-    jobs: Annotated[int | None, typer.Option("--jobs", "-j", min=1, help="Threads; all cores if absent.")] = None,
+    jobs: Annotated[
+        int | None, typer.Option("--jobs", "-j", min=1, max=MOST, help="Threads; all cores if absent.")
+    ] = None,
 ) -> None:
     """Run estimators on recordings: estimates and standard deviations of every state, innovations, NIS, errors.
 

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.text import Text
 
 from harness.cli.options import (
+    MOST,
     EffectOption,
     ParametersOption,
     RecordedSensorsOption,
@@ -46,9 +47,11 @@ def identify(
         list[str] | None, typer.Option("--setting", metavar="NAME=VALUE", help="Setting of the method; repeatable.")
     ] = None,
     integrator: IntegratorOption = "rk4",
-    substeps: Annotated[int, typer.Option("--substeps", min=1, help="Integration steps per sample.")] = 1,
+    substeps: Annotated[int, typer.Option("--substeps", min=1, max=MOST, help="Integration steps per sample.")] = 1,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the method's random numbers.")] = 0,
-    jobs: Annotated[int | None, typer.Option("--jobs", "-j", min=1, help="Threads; all cores if absent.")] = None,
+    jobs: Annotated[
+        int | None, typer.Option("--jobs", "-j", min=1, max=MOST, help="Threads; all cores if absent.")
+    ] = None,
 ) -> None:
     """Identify parameters of a model from recordings, with their uncertainty.
 

@@ -27,7 +27,7 @@ from harness.cli.identify import identify
 from harness.cli.loop import loop
 from harness.cli.new import new
 from harness.cli.observability import observability
-from harness.cli.options import HERE, RESULTS, agree_to, place, study_path
+from harness.cli.options import HERE, MOST, RESULTS, agree_to, place, study_path
 from harness.cli.outputs import refuse_unfit
 from harness.cli.realtime import realtime
 from harness.cli.remedy import remedy
@@ -156,7 +156,9 @@ def run(
     study: Annotated[str, typer.Argument(help="Study file, or the name of a study; harness list studies shows them.")],
     jobs: Annotated[
         int | None,
-        typer.Option("--jobs", "-j", min=1, help="Worker threads, or processes of --dask local; all cores if absent."),
+        typer.Option(
+            "--jobs", "-j", min=1, max=MOST, help="Worker threads, or processes of --dask local; all cores if absent."
+        ),
     ] = None,
     out: Annotated[
         Path | None,

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 HERE = Path("studies")
 """Studies of the working directory, whether or not it is a project."""
 RESULTS = Path("results")
+MOST = 100_000
+"""Largest count that an option takes: with more nothing would end, and most of it is a slip of the hand."""
 SetOption = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="NAME=VALUE", help='Parameter that differs from the set: trailer_mass="8 t".'),

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from harness.cli.options import ModelOptions, model_of, pairs, quantity
+from harness.cli.options import MOST, ModelOptions, model_of, pairs, quantity
 from harness.common.errors import UserError
 
 if TYPE_CHECKING:
@@ -71,7 +71,8 @@ IntegratorOption = Annotated[
     Literal["euler", "heun", "rk4"], typer.Option("--integrator", help="How the model's equations are integrated.")
 ]
 SubstepsOption = Annotated[
-    int | None, typer.Option("--substeps", min=1, help="Integration steps per sample; of at most 10 ms if absent.")
+    int | None,
+    typer.Option("--substeps", min=1, max=MOST, help="Integration steps per sample; of at most 10 ms if absent."),
 ]
 
 

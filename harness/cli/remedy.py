@@ -9,6 +9,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
+from harness.cli.options import MOST
 from harness.common.stages import showing
 
 
@@ -28,7 +29,7 @@ def remedy(
         ),
     ] = None,
     jobs: Annotated[
-        int | None, typer.Option("--jobs", "-j", min=1, help="Worker threads; all cores if absent.")
+        int | None, typer.Option("--jobs", "-j", min=1, max=MOST, help="Worker threads; all cores if absent.")
     ] = None,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Result folder; results/remedy-<name of the study> if absent.")

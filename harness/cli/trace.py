@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.text import Text
 
 from harness.cli.options import (
+    MOST,
     EffectOption,
     ParametersOption,
     RecordedSensorsOption,
@@ -52,9 +53,11 @@ def trace(
         str | None, typer.Option("--study", help="Study of the same vehicle that measures the gain of the amendment.")
     ] = None,
     repeats: Annotated[
-        int, typer.Option("--repeats", min=1, help="Noise realisations of each level of that study.")
+        int, typer.Option("--repeats", min=1, max=MOST, help="Noise realisations of each level of that study.")
     ] = 8,
-    jobs: Annotated[int | None, typer.Option("--jobs", "-j", min=1, help="Threads; all cores if absent.")] = None,
+    jobs: Annotated[
+        int | None, typer.Option("--jobs", "-j", min=1, max=MOST, help="Threads; all cores if absent.")
+    ] = None,
 ) -> None:
     """Find the physical effect that a model lacks or the parameter that is wrong, and how much the model improves.
 

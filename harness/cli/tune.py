@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.text import Text
 
 from harness.cli.options import (
+    MOST,
     EffectOption,
     ModelOptions,
     ParametersOption,
@@ -48,7 +49,9 @@ DesignOption = Annotated[
     str | None,
     typer.Option("--design", help="Design whose box the worst case is sought in; the study's first if absent."),
 ]
-PointsOption = Annotated[int, typer.Option("--points", min=8, help="Points of that box; powers of two fill it best.")]
+PointsOption = Annotated[
+    int, typer.Option("--points", min=8, max=MOST, help="Points of that box; powers of two fill it best.")
+]
 
 
 def tune(
@@ -64,8 +67,12 @@ def tune(
     drives: Annotated[
         str | None, typer.Option("--drives", help="Training drives: a name in studies/drives or a TOML file.")
     ] = None,
-    budget: Annotated[int, typer.Option("--budget", min=1, help="Candidates per estimator of a study.")] = 240,
-    repeats: Annotated[int, typer.Option("--repeats", min=1, help="Noise realisations of each drive of a study.")] = 1,
+    budget: Annotated[
+        int, typer.Option("--budget", min=1, max=MOST, help="Candidates per estimator of a study.")
+    ] = 240,
+    repeats: Annotated[
+        int, typer.Option("--repeats", min=1, max=MOST, help="Noise realisations of each drive of a study.")
+    ] = 1,
     only: Annotated[
         list[str] | None,
         typer.Option("--only", help="Estimator of a study, by name; repeatable; all if absent."),
@@ -97,7 +104,9 @@ def tune(
     inputs: InputsOption = "joined",
     integrator: IntegratorOption = "rk4",
     substeps: SubstepsOption = None,
-    jobs: Annotated[int | None, typer.Option("--jobs", "-j", min=1, help="Threads; all cores if absent.")] = None,
+    jobs: Annotated[
+        int | None, typer.Option("--jobs", "-j", min=1, max=MOST, help="Threads; all cores if absent.")
+    ] = None,
 ) -> None:
     """Tune the noise that estimators believe: of a study on its training drives, or with --data on recordings.
 

@@ -77,6 +77,22 @@ def test_a_module_takes_an_option_once(tmp_path, capsys):
     assert own == []  # harness.common.arguments.Parser it is
 
 
+@pytest.mark.parametrize(
+    "line",
+    [
+        ("tune", "mass", "--drives", "robustness", "-o", "there", "--budget"),
+        ("tune", "mass", "--drives", "robustness", "-o", "there", "--points"),
+        ("trace", "-m", "car", "--train", "a.csv", "-t", "b.csv", "-o", "there", "--study", "mass", "--repeats"),
+        ("remedy", "there", "--jobs"),
+    ],
+)
+def test_a_count_that_nothing_would_end_with_is_refused_at_once(line):
+    status, said = harness(*line, 10**12)
+    assert status == 2
+    assert "100000" in said
+    assert "there" not in said
+
+
 def test_options_that_say_the_same_twice_without_a_value_are_taken():
     assert harness("cache", "--clear", "--clear", "--help")[0] == 0
 
