@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 
+from harness.common.arguments import Parser
 from harness.common.arrays import Floats
 from harness.common.statistics import average_bounds
 from harness.config import Study, build_study, load_study
