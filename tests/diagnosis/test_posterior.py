@@ -100,6 +100,9 @@ def test_how_soon_a_model_forgets_the_first_state_is_no_evidence():
     densities[0][:300] = 1e3
     found = p.by_block(densities, drives, penalty=4.0)
     assert found[:, 0] == pytest.approx([499.0, 499.0, 499.0, 399.0], abs=2)  # of a short drive all there is
+    free = p.by_block(densities, drives)
+    assert free.sum() - found.sum() == pytest.approx(4.0)  # what was fitted costs the same however it is cut
+    np.testing.assert_allclose(free - found, 1.0)
 
 
 def ahead(square, samples=4000, seed=0):

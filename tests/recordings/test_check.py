@@ -13,13 +13,15 @@ from harness.cli.main import app
 from harness.common.errors import UserError
 from harness.models.signals import SIGNALS
 from harness.recordings import axle_curves, load_recording
-from harness.recordings.check import check_tables
+from harness.recordings.check import _finest, check_tables
 from harness.recordings.check_report import print_findings
 from harness.recordings.consistency import AGREES, NOT_JUDGED, check, verdicts
 from harness.recordings.examine import examine
+from harness.recordings.faults import EXCHANGED, catalogue
 from harness.recordings.geodesy import tangent_plane
 from harness.recordings.in_memory import tables_of
 from harness.recordings.load import recording_of
+from harness.recordings.readers import Table
 from support.weaving_car import CLOCK, STEP, TIME, drive, stored
 
 
@@ -71,6 +73,7 @@ def test_consistent_signals_raise_no_finding():
         ({"heading": lambda v: np.pi / 2 - v}, "heading: a compass heading: clockwise from north"),
         ({"position_x": lambda v: -v}, "position_x: wrong sign"),
         ({"yaw_rate": lambda v: 0 * v}, "yaw_rate: never changes"),
+        ({"lateral_acceleration": lambda v: v - 9.81}, "lateral_acceleration: .* -9\\.8"),
     ],
 )
 def test_wrong_signs_units_scales_offsets_and_delays_are_found(changes, expected):
@@ -293,3 +296,25 @@ def test_check_prints_and_writes_what_it_found(tmp_path):
     assert "axle curves need the set of a car" in truck.output
     absent = CliRunner().invoke(app, ["check", str(path), "--out", str(out), "--parameters", "nobody_1999"])
     assert absent.exit_code == 2, absent.output
+
+
+@pytest.mark.parametrize(("order", "exchanged"), [(("speed", "speed_tractor"), 0), (("speed", "yaw_rate"), 2)])
+def test_what_is_read_from_a_channel_is_wrong_together_and_once(order, exchanged):
+    """Of twins every fault is there once, and they are not exchanged; positions by satellite have faults as a pair."""
+    twins = dict.fromkeys(order, order) if exchanged == 0 else {}
+    found = catalogue([*order, "latitude", "longitude"], {}, twins)
+    keys = [(f.kind, f.signals, f.factor, f.words) for f in found]
+    assert len(keys) == len(set(keys))
+    assert sum(f.kind == EXCHANGED and set(f.signals) == set(order) for f in found) == exchanged
+    assert {f.signals for f in found if "latitude" in f.signals and f.kind != EXCHANGED} == {("latitude", "longitude")}
+
+
+def test_the_finest_clock_is_the_fastest_that_runs():
+    """A clock whose stamps come several at a time tells no step."""
+    stamps = {"fast": 0.01 * np.arange(9), "slow": 0.1 * np.arange(9), "bursts": np.repeat([0.0, 1.0, 2.0], 3)}
+    tables = [Table({f"{name}.t": t, name: t}, clock=f"{name}.t") for name, t in stamps.items()]
+    signals = zip(stamps, ("yaw_rate", "speed", "lateral_acceleration"), strict=True)
+    content = {signal: {"channel": name, "unit": SIGNALS[signal].unit} for name, signal in signals}
+    assert _finest(tables, content) == pytest.approx(0.01)
+    assert _finest(tables[1:], content) == pytest.approx(0.1)
+    assert _finest(tables[:1], content) is None
