@@ -2,6 +2,7 @@
 
 import io
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -15,7 +16,7 @@ from harness.models.signals import SIGNALS
 from harness.recordings import axle_curves, load_recording
 from harness.recordings.check import _finest, check_tables
 from harness.recordings.check_report import print_findings
-from harness.recordings.consistency import AGREES, NOT_JUDGED, check, verdicts
+from harness.recordings.consistency import AGREES, NOT_JUDGED, _differ, check, verdicts
 from harness.recordings.examine import _upright, examine
 from harness.recordings.faults import EXCHANGED, catalogue
 from harness.recordings.geodesy import tangent_plane
@@ -327,3 +328,15 @@ def test_a_horizontal_acceleration_holds_gravity_where_it_is_steady_about_it(mea
     values[5] = np.nan
     signals = {"lateral_acceleration": values, "longitudinal_acceleration": 0.0 * TIME, "vertical_acceleration": values}
     assert _upright(signals) == (["lateral_acceleration"] if holds else [])
+
+
+@pytest.mark.parametrize(("part", "differ"), [(0.0, False), (0.5, False), (1.0, True)])
+def test_signals_differ_that_both_move_and_have_nothing_in_common(part, differ):
+    """The coefficient of determination of two signals is the square of the share that they have in common."""
+    rng = np.random.default_rng(0)
+    relation = next(f.relation for f in examine(recorded(noisy())).fits if f.relation.signal == "yaw_rate")
+    one, other = rng.normal(size=(2, 4000))
+    both = one, np.sqrt(1.0 - part**2) * one + part * other
+    fit = SimpleNamespace(measured=both[0], computed=both[1], step=STEP, relation=relation)
+    assert _differ(fit) is differ
+    assert not _differ(SimpleNamespace(measured=1e-9 * both[0], computed=1e-9 * both[1], step=STEP, relation=relation))
