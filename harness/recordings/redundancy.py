@@ -210,8 +210,8 @@ def _speeds() -> list[Relation]:
     ]  # fmt: skip
 
 
-_BANK = 9.81 * np.radians(1.0)
-"""m/s^2; what the bank of a road that is built for its curvature adds to the lateral acceleration along it."""
+_BANK = 9.81 * np.radians(0.5)
+"""m/s^2; what the bank of a road that is built for its curvature adds along with the lateral acceleration."""
 
 _LEANING = (1.04, 1.03)
 """Slope of a lateral accelerometer that leans with the body: up to 7 degrees per g add up to 12 %."""
