@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterable, Sequence
 
 from reproductions.published import wording
-from reproductions.published.record import Row
+from reproductions.published.record import Outcome, Row
 from reproductions.published.results import Origin
 from reproductions.published.wording import Chapter
 
@@ -29,7 +30,7 @@ def content(chapters: Sequence[Chapter], origins: Sequence[Origin], made: str) -
         made: Day on which it is written.
     """
     rows = [row for chapter in chapters for row in chapter.rows]
-    parts = [f"{wording.sentence(rows)} Written on {made}.", _overview(chapters), _stored(origins, rows)]
+    parts = [_wrapped(f"{wording.sentence(rows)} Written on {made}."), _overview(chapters), _stored(origins, rows)]
     parts += [_chapter(chapter) for chapter in chapters]
     return "\n\n".join(parts)
 
@@ -60,43 +61,26 @@ def _stored(origins: Sequence[Origin], rows: Sequence[Row]) -> str:
     return text
 
 
+def _wrapped(text: str, indent: str = "") -> str:
+    return textwrap.fill(text, 120, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+
+
 def _chapter(chapter: Chapter) -> str:
-    parts = [f"## {chapter.title}", f"{wording.sentence(chapter.rows)} {chapter.note}"]
-    if chapter.results:
-        header = ["place", "what", "theirs", "ours (95 %)", "holds in", "verdict", "command", "why"]
-        parts.append(table(header, [_result(row) for row in chapter.results]))
-    if chapter.settings:
-        lines = [
-            [r.record.place, r.record.quantity, wording.theirs(r), wording.ours(r), wording.verdict(r), wording.why(r)]
-            for r in chapter.settings
-        ]
-        parts += ["### Settings", table(["place", "what", "theirs", "ours", "verdict", "why"], lines)]
-    if chapter.incomparable:
-        lines = [
-            [r.record.place, r.record.quantity, wording.theirs(r) or "–", r.outcome.value, r.record.reason]
-            for r in chapter.incomparable
-        ]
-        parts += ["### Not comparable", table(["place", "what", "theirs", "because", "remark"], lines)]
-    return "\n\n".join(_unique(parts, chapter))
+    """Return a section: counts, a line per result, and a line per setting that ours does not take over."""
+    reasons: dict[str, int] = {}
+    differing = [r for r in chapter.settings if r.outcome is not Outcome.TAKEN_OVER]
+    parts = [f"## {chapter.title}", _wrapped(f"{wording.sentence(chapter.rows)} {chapter.note}")]
+    header = ["place", "what", "theirs", "ours (95 %)", "verdict"]
+    parts.append(table(header, [_line(row, reasons) for row in [*chapter.results, *differing]]))
+    notes = [_wrapped(f"{number}. {reason}", indent="   ") for reason, number in reasons.items()]
+    commands = dict.fromkeys(command for r in chapter.results for command in wording.source(r).split(", "))
+    computed = _wrapped(f"Computed by {', '.join(f'`{command}`' for command in commands)}.")
+    return "\n\n".join([*parts, *(["\n".join(notes)] if notes else []), computed])
 
 
-def _unique(parts: list[str], chapter: Chapter) -> list[str]:
-    """Return the parts with the author behind the headings that every chapter has."""
-    short = chapter.title.partition(":")[0]
-    return [
-        p.replace("### Settings", f"### Settings: {short}").replace("### Not comp", f"### {short}: not comp")
-        for p in parts
-    ]
-
-
-def _result(row: Row) -> list[str]:
-    return [
-        row.record.place,
-        row.record.quantity,
-        wording.theirs(row) or "–",
-        wording.ours(row),
-        wording.wanted(row),
-        wording.verdict(row),
-        f"`{wording.source(row)}`",
-        wording.why(row),
-    ]
+def _line(row: Row, reasons: dict[str, int]) -> list[str]:
+    """Return the cells of a record; the verdict carries the number of its reason."""
+    verdict, reason = wording.verdict(row), wording.why(row)
+    if reason:
+        verdict += f" ({reasons.setdefault(reason, len(reasons) + 1)})"
+    return [row.record.place, row.record.quantity, wording.theirs(row) or "–", wording.ours(row), verdict]

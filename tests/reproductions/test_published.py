@@ -266,8 +266,11 @@ def test_the_page_has_a_row_per_record_and_no_broken_cell():
     text = page.content([_chapter()], [Origin("ideal", "make study-ideal", "", "missing")], "2026-01-01")
     for line in text.splitlines():
         if line.startswith("| 1 "):
-            assert line.count("|") == 9
-    assert "| 1 | a ∣ b | 2 kN | 1.90 (1.80 to 2.00) | 1.00 to 4.00 | reproduced | `make reproduce` |" in text
+            assert line.count("|") == 6
+    assert "| 1 | a ∣ b | 2 kN | 1.90 (1.80 to 2.00) | reproduced |" in text
+    assert "| not reproduced (1) |" in text
+    assert "\n1. so\n" in text
+    assert "| wheel |" not in text, "a setting that is taken over has no line"
     assert "| ideal | `make study-ideal` | – | missing |" in text
     assert "[Somebody 2000: something](#somebody-2000-something)" in text
 
