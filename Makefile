@@ -121,13 +121,13 @@ lint: $(VENV)/dev.stamp ## ruff, mypy and the rule of imports
 attribution: $(VENV)/dev.stamp ## trace the blind plant's cases and score what was named (hours; CASES="...", VEHICLE, MAGNITUDE, QUALITY=field or bus, REPEATS, FIRST, JOBS; GATE=274: cases at random, of these KIND=effect)
 	$(BIN)/python -m bench.attribution $(if $(CASES),--cases $(CASES)) $(if $(VEHICLE),--vehicle $(VEHICLE)) $(if $(MAGNITUDE),--magnitude $(MAGNITUDE)) $(if $(QUALITY),--quality $(QUALITY)) $(if $(REPEATS),--repeats $(REPEATS)) $(if $(FIRST),--first $(FIRST)) $(if $(GATE),--gate $(GATE)) $(if $(KIND),--kind $(KIND)) $(if $(JOBS),--jobs $(JOBS))
 
-attribution-docs: $(VENV)/dev.stamp ## renew tables and figures of docs/attribution.md from results/attribution
+attribution-docs: $(VENV)/dev.stamp ## renew tables and figures of docs/attribution-tables.md from results/attribution
 	$(BIN)/python -m bench.attribution.renew results/attribution$(if $(QUALITY),-$(QUALITY))/attribution.json
 
 foreign: $(VENV)/dev.stamp ## trace twelve cases of a second plant, which shares no code with the first, and score them (hours; CASES="a h", JOBS)
 	$(BIN)/python -m bench.foreign $(if $(CASES),--cases $(CASES)) $(if $(JOBS),--jobs $(JOBS))
 
-sensitivity: $(VENV)/dev.stamp ## trace some of them with each number of the criteria halved and doubled (half an hour; CASES, NUMBERS, FIRST, QUALITY; it continues where it stopped; PAGE=1: tables into docs/attribution.md)
+sensitivity: $(VENV)/dev.stamp ## trace some of them with each number of the criteria halved and doubled (half an hour; CASES, NUMBERS, FIRST, QUALITY; it continues where it stopped; PAGE=1: tables into docs/attribution-tables.md)
 	$(BIN)/python -m bench.attribution.sensitivity$(if $(PAGE), --page) $(if $(CASES),--cases $(CASES)) $(if $(NUMBERS),--numbers $(NUMBERS)) $(if $(FIRST),--first $(FIRST)) $(if $(QUALITY),--quality $(QUALITY))
 
 check-proof: $(VENV)/dev.stamp ## plant faults in recordings and count what harness check names and mends (SEEDS=1000:1010, FOREIGN=1000:1050)

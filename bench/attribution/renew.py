@@ -1,4 +1,4 @@
-"""Renew tables and figures of ``docs/attribution.md`` from the results of the proof.
+"""Renew tables and figures of ``docs/attribution-tables.md`` from the results of the proof.
 
 ``python -m bench.attribution.renew results/attribution/attribution.json``; ``make attribution-docs`` does it.
 """
@@ -18,7 +18,9 @@ from harness.common.arguments import Parser
 from harness.common.errors import UserError
 from harness.common.files import renewed, write_files
 
-PAGE = Path(__file__).parents[2] / "docs" / "attribution.md"
+PAGE = Path(__file__).parents[2] / "docs" / "attribution-tables.md"
+FIGURES = "attribution"
+"""Folder of the figures, beside the page."""
 MARKS = {
     "clean": ("<!-- written by python -m bench.attribution.renew -->", "<!-- end -->"),
     "field": ("<!-- field: written by python -m bench.attribution.renew -->", "<!-- end of field -->"),
@@ -40,11 +42,11 @@ def main(arguments: Sequence[str]) -> None:
         raise UserError(f"{given.results}: holds cases of several qualities; keep each in a folder of its own")
     quality = scored[0].quality if scored else "clean"
     drawn = figures(scored) if quality == "clean" else {}
-    shown = "\n".join(f"![{caption(name)}]({PAGE.stem}/{name})\n" for name in drawn)
+    shown = "\n".join(f"![{caption(name)}]({FIGURES}/{name})\n" for name in drawn)
     content = tables(scored) + (f"\n## Figures\n\n{shown}" if drawn else "")
     content = content if quality == "clean" else content.replace("\n#", "\n##").replace("## Against", "### Against", 1)
     write_files(PAGE.parent, {PAGE.name: renewed(PAGE.read_text(encoding="utf-8"), content, *MARKS[quality])})
-    write_files(PAGE.parent / PAGE.stem, drawn)
+    write_files(PAGE.parent / FIGURES, drawn)
     print(f"wrote {PAGE} and {len(drawn)} figures")
 
 
