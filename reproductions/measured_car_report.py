@@ -14,8 +14,8 @@ from harness.identification.report import document as fit_document
 from harness.identification.report import spans_sheet
 from harness.identification.result import Judged
 from harness.models.quantities import quantity
-from harness.recordings import check_figures
-from harness.recordings.axle_curves import Axle
+from harness.recordings.check.axle_curves import Axle
+from harness.recordings.check.check_report import axles as axles_figure
 from harness.reporting import style
 from harness.reporting.document import Block, Document, Heading, Prose, Section, Sheet, plain
 
@@ -63,8 +63,8 @@ def _stiffness(found: Identified) -> list[Block]:
     return [
         Heading("Where does the search begin, and where does it end?"),
         Prose(plain(_slopes(found))),
-        check_figures.axles(found.axles_before, title="How stiff are the axles with the published parameters?"),
-        check_figures.axles(
+        axles_figure(found.axles_before, title="How stiff are the axles with the published parameters?"),
+        axles_figure(
             found.axles_after, "identified stiffness", "How stiff are the axles with the identified parameters?"
         ),
     ]

@@ -14,7 +14,7 @@ from rich.console import Console
 
 from harness.common.errors import UserError, WorkError
 from harness.config import load_study
-from harness.recordings.write import write_recording
+from harness.recordings.read.write import write_recording
 from harness.study.run import run_study
 from support import campaign_folder
 from support.driven_car import driven

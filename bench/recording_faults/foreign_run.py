@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from bench.recording_faults.foreign import PLANTED, STYLES, Fault, draw
-from harness.recordings.check import check_tables
-from harness.recordings.examine import Finding
+from harness.recordings.check.examine import Finding
+from harness.recordings.check.run import check_tables
 
 NAMED, RIVAL, SILENT, WRONG = "named", "a rival", "not stated", "misnamed"
 _INTERVAL = 1.96

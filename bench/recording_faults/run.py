@@ -17,8 +17,8 @@ import numpy as np
 from bench.recording_faults import drives
 from bench.recording_faults.drives import Drive
 from bench.recording_faults.planted import Planted, planted
-from harness.recordings.check import Findings, check_tables
-from harness.recordings.consistency import DISAGREES
+from harness.recordings.check.run import Findings, check_tables
+from harness.recordings.motion.consistency import DISAGREES
 
 CLEAN = "nothing planted"
 Key = tuple[str, str, tuple[str, ...]]

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from harness.recordings.check import Findings
+    from harness.recordings.check.run import Findings
 
 
 def check(
@@ -55,9 +55,9 @@ def check(
     import xarray as xr
 
     from harness.identification.map_trial import NominalFit
-    from harness.recordings.channel_map import map_content
-    from harness.recordings.check import check_recording, check_tables, with_axles
-    from harness.recordings.in_memory import tables_of
+    from harness.recordings.check.run import check_recording, check_tables, with_axles
+    from harness.recordings.read.channel_map import map_content
+    from harness.recordings.read.in_memory import tables_of
 
     fit_error = None if parameters is None else NominalFit(parameters)
     mapped = channels if channels is None or isinstance(channels, Mapping) else Path(channels)
@@ -106,7 +106,7 @@ class Check:
     @property
     def passes(self) -> bool:
         """Whether nothing disagrees as the mended map reads the recording, or as the given one does."""
-        from harness.recordings.consistency import DISAGREES
+        from harness.recordings.motion.consistency import DISAGREES
 
         fits = self._found.fits if self._found.remedy is None else self._found.remedy.fits
         return all(f.verdict != DISAGREES for f in fits)
@@ -114,7 +114,7 @@ class Check:
     @property
     def answer(self) -> str:
         """The result in sentences."""
-        from harness.recordings.check_report import answer
+        from harness.recordings.check.check_report import answer
 
         return " ".join(answer(self._found))
 
@@ -129,7 +129,7 @@ class Check:
         Raises:
             UserError: If the folder cannot be written.
         """
-        from harness.recordings.check_report import write_check
+        from harness.recordings.check.check_report import write_check
 
         return write_check(self._found, Path(folder))
 

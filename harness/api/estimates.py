@@ -134,7 +134,7 @@ class Estimates:
     def __init__(self, model: RecordedModel, recordings: Sequence[xr.Dataset], runs: Sequence[xr.Dataset]) -> None:
         from harness.recorded.report import Estimated
         from harness.recorded.summary import summary
-        from harness.recordings.warnings import recording_warnings
+        from harness.recordings.check.examine import recording_warnings
 
         said = recording_warnings(recordings)
         self._found: Estimated = Estimated(model.spec.vehicle, runs, [summary(r) for r in runs], said)

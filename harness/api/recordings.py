@@ -107,8 +107,8 @@ def read_recording(
     import pandas as pd
 
     from harness.common.units import to_si
-    from harness.recordings.in_memory import tables_of
-    from harness.recordings.load import load_recording, recording_of
+    from harness.recordings.read.in_memory import tables_of
+    from harness.recordings.read.load import load_recording, recording_of
 
     seconds = None if step is None else to_si(step, "s", "step")
     if seconds is not None and seconds <= 0:

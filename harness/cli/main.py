@@ -313,8 +313,8 @@ def check(
     What does the file hold, where are its gaps, and do its signals agree with each other?
     """
     from harness.identification.map_trial import NominalFit
-    from harness.recordings.check import check_recording
-    from harness.recordings.check_report import print_findings, write_check
+    from harness.recordings.check.check_report import print_findings, write_check
+    from harness.recordings.check.run import check_recording
 
     fit_error = None if parameters is None else NominalFit(parameters)
     findings = check_recording(file, channels, parameters, fit_error)

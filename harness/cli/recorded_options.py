@@ -120,7 +120,7 @@ class RecordedOptions:
         """
         from harness.identification.measured_file import names_of
         from harness.recordings import load_recording
-        from harness.recordings.road_bank_map import with_bank
+        from harness.recordings.smooth.road_bank_map import with_bank
 
         for i, path in enumerate(self.data):
             if path.resolve() in [p.resolve() for p in self.data[:i]]:

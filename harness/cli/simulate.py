@@ -45,7 +45,7 @@ def simulate(
     """
     from harness.api.recordings import simulate as simulated
     from harness.identification.measured_file import FINE
-    from harness.recordings.write import check_target, write_recording
+    from harness.recordings.read.write import check_target, write_recording
 
     check_target(out)
     model = model_of(ModelOptions(vehicle, parameters, tyre, effect, sensors, values), integrator=FINE)

@@ -20,9 +20,9 @@ import xarray as xr
 from harness.common.arrays import Floats
 from harness.diagnosis.criteria import PRIORS
 from harness.identification.uncertainty import covariance_of
-from harness.recordings.consistency import SURE
-from harness.recordings.differentiate import local_polynomial
-from harness.recordings.redundancy import MOVING
+from harness.recordings.motion.consistency import SURE
+from harness.recordings.motion.kinematics import local_polynomial
+from harness.recordings.motion.redundancy import MOVING
 
 RATES = ("yaw_rate", "yaw_rate_tractor")
 _SPEED = "speed"

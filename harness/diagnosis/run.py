@@ -30,7 +30,7 @@ from harness.diagnosis.selection.forward_selection import trace
 from harness.diagnosis.selection.parameter_changes import Changes, single_changes
 from harness.identification.data import Drive
 from harness.identification.measured_file import names_of, refuse_repeated
-from harness.recordings.warnings import recording_warnings
+from harness.recordings.check.examine import recording_warnings
 
 UNFINISHED = "unfinished"
 """Folder in that of the results which keeps the fits of a trace until it has ended."""

@@ -15,7 +15,7 @@ from harness.config import InputSignal
 from harness.identification.measured_inputs import Between, InputErrors, inputs_of
 from harness.models.assembly.assemble import Model, symbol
 from harness.models.signals import signal_attributes
-from harness.recordings.span import refuse_overlaps
+from harness.recordings.read.span import refuse_overlaps
 
 SHORTEST = 20
 """Samples; a shorter recording is refused."""

@@ -23,7 +23,7 @@ from harness.identification.measured_file import names_of, refuse_repeated
 from harness.identification.over_time import FILE, series_of
 from harness.identification.report import document
 from harness.identification.result import Judged, answer, judge, write_outcome
-from harness.recordings.warnings import recording_warnings
+from harness.recordings.check.examine import recording_warnings
 from harness.reporting.document import Prose, plain, write
 
 

@@ -42,8 +42,8 @@ from harness.config import ModelSpec, resolve_single
 from harness.config.problems import Problems, add_validation_errors
 from harness.config.schema import ModelTable, Name, Quantity, Table
 from harness.identification.data import steered
-from harness.recordings.load import load_recording
-from harness.recordings.road_bank_map import with_bank
+from harness.recordings.read.load import load_recording
+from harness.recordings.smooth.road_bank_map import with_bank
 
 SHORTEST = 20.0
 """s; shorter drives depend as much on the first state as on the vehicle."""

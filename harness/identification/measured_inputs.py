@@ -1,9 +1,9 @@
 """Inputs of a model from a recording: exact where a simulation wrote them, else smoothed, with their covariance.
 
 A recorded input is the true one and noise. What drives the model is the input given all its samples and its rate given
-them (``harness.recordings.kinematic_smoother``), never a difference of samples. What an estimator in a vehicle has is
-the input given the samples so far (``harness.recordings.causal_filter``), or each sample as it was measured; of the
-whole recording it knows the noise alone.
+them (``harness.recordings.smooth.kinematic_smoother``), never a difference of samples. What an estimator in a vehicle
+has is the input given the samples so far (by the same module), or each sample as it was measured; of the whole
+recording it knows the noise alone.
 """
 
 from __future__ import annotations
@@ -18,8 +18,7 @@ from harness import recordings
 from harness.common.arrays import Floats, Mask
 from harness.config import InputSignal
 from harness.models.assembly.assemble import Model
-from harness.recordings.causal_filter import filtered
-from harness.recordings.kinematic_smoother import smoothed
+from harness.recordings.smooth.kinematic_smoother import filtered, smoothed
 from harness.simulation.simulate import forward_difference, halfway, joined
 
 Between = Literal["held", "joined"]

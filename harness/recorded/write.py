@@ -12,7 +12,7 @@ import xarray as xr
 from harness.common.errors import UserError
 from harness.common.files import json_text, write_files
 from harness.recorded.summary import Summary, outputs_of, record
-from harness.recordings.write import write_recording
+from harness.recordings.read.write import write_recording
 
 Format = Literal["csv", "parquet", "nc"]
 

@@ -1,9 +1,9 @@
 """Inputs as estimators know them where they are measured with noise: from the past alone, and without differences.
 
-Filtered, an input is what its samples so far say of it (``harness.recordings.causal_filter``), and so is its rate. As
-measured, it is the sample itself; its rate is the filtered one still. Either way the estimator is told how far both
-may be off. Errors of the filter hardly change from one sample to the next, so that the error that moved the state is
-in the outputs as well; errors of single samples are independent.
+Filtered, an input is what its samples so far say of it (``harness.recordings.smooth.kinematic_smoother``), and so is
+its rate. As measured, it is the sample itself; its rate is the filtered one still. Either way the estimator is told how
+far both may be off. Errors of the filter hardly change from one sample to the next, so that the error that moved the
+state is in the outputs as well; errors of single samples are independent.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from harness.common.arrays import Floats
 from harness.config import InputSignal, ModelSpec
 from harness.engine.simd.lanes import LANES
 from harness.estimation.contract import UncertainInputs
-from harness.recordings.causal_filter import Filtered, filtered
+from harness.recordings.smooth.kinematic_smoother import Filtered, filtered
 from harness.simulation.simulate import Batch
 
 

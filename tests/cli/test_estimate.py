@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from harness.cli.estimate import _estimator
 from harness.cli.main import app
 from harness.common.errors import UserError
-from harness.recordings.write import write_recording
+from harness.recordings.read.write import write_recording
 from support.identification import CAR, model_of, recorded
 
 MODEL = ["--model", "car_reference_point", "--parameters", "sun_2015", "--inputs", "held", "--integrator", "euler"]

@@ -12,7 +12,7 @@ from harness.config import resolve_single
 from harness.config.model_choice import complete
 from harness.config.parameter_set import set_from_file
 from harness.identification.contract import METHODS, load_method, settings_of
-from harness.recordings.write import write_recording
+from harness.recordings.read.write import write_recording
 from support.identification import CAR, model_of, recorded
 
 LINE = ["identify", "--model", "car_reference_point", "--parameters", "sun_2015", "--sensors", "car_reference"]

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from harness.cli.main import app
-from harness.recordings.write import write_recording
+from harness.recordings.read.write import write_recording
 from support.identification import CAR, model_of, recorded
 
 LINE = ["identify", "--model", "car_reference_point", "--parameters", "sun_2015", "--sensors", "car_reference",

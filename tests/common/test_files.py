@@ -9,7 +9,7 @@ import pytest
 
 from harness.common.errors import UserError
 from harness.common.files import parse_toml, read_toml, refuse_url, renewed, toml_text, write_files
-from harness.recordings.write import check_target
+from harness.recordings.read.write import check_target
 
 CONTENT = {
     "name": 'a "quoted" name, with µ and \\',

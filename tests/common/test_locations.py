@@ -8,7 +8,7 @@ from harness.common import locations
 from harness.common.errors import UserError
 from harness.config import load_study
 from harness.estimation import narx_network as network
-from harness.recordings.channel_map import load_map
+from harness.recordings.read.channel_map import load_map
 from support.plugins import forget, project
 from support.small_study import STUDY
 

@@ -22,8 +22,8 @@ from harness.diagnosis.selection.score_test import SPACING, ScoreTest, best_ampl
 from harness.identification.filtered_model import Candidates
 from harness.identification.innovations import Innovations
 from harness.recordings import load_recording
-from harness.recordings.warnings import recording_warnings
-from harness.recordings.write import write_recording
+from harness.recordings.check.examine import recording_warnings
+from harness.recordings.read.write import write_recording
 from harness.study.results import read
 from support.driven_car import CAR, FREE, SIGNALS, driven
 

@@ -7,11 +7,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness.recordings.check import check_tables
-from harness.recordings.differentiate import local_polynomial
-from harness.recordings.examine import examine
-from harness.recordings.in_memory import tables_of
-from harness.recordings.load import load_recording, recording_of
+from harness.recordings.check.examine import examine
+from harness.recordings.check.run import check_tables
+from harness.recordings.motion.kinematics import local_polynomial
+from harness.recordings.read.in_memory import tables_of
+from harness.recordings.read.load import load_recording, recording_of
 
 STEP = 0.01
 TIME = np.arange(0, 120, STEP)

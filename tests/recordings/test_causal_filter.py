@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from harness.recordings import causal_filter
-from harness.recordings.causal_filter import BANDWIDTH, filtered
+from harness.recordings.smooth import kinematic_smoother
+from harness.recordings.smooth.kinematic_smoother import BANDWIDTH, filtered
 
 STEP, NOISE = 0.01, 0.02
 TIME = np.arange(3000) * STEP
@@ -69,7 +69,7 @@ def test_the_stated_covariances_are_those_of_drawn_signals(monkeypatch):
 
     The intensity is known here: where it may change, the mixture is as cautious as the fastest change asks for.
     """
-    monkeypatch.setattr(causal_filter, "MODES", np.ones(2))
+    monkeypatch.setattr(kinematic_smoother, "MODES", np.ones(2))
     values, rates, readings = wandering(600, 3)
     runs = [filtered(y, STEP, NOISE) for y in readings]
     errors = np.stack(

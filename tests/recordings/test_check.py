@@ -13,15 +13,16 @@ from typer.testing import CliRunner
 from harness.cli.main import app
 from harness.common.errors import UserError
 from harness.models.signals import SIGNALS
-from harness.recordings import axle_curves, load_recording
-from harness.recordings.check import _finest, check_tables
-from harness.recordings.check_report import print_findings
-from harness.recordings.consistency import AGREES, NOT_JUDGED, _differ, check, verdicts
-from harness.recordings.examine import _upright, examine
-from harness.recordings.faults import EXCHANGED, catalogue
-from harness.recordings.geodesy import tangent_plane
-from harness.recordings.in_memory import tables_of
-from harness.recordings.load import recording_of
+from harness.recordings import load_recording
+from harness.recordings.check import axle_curves
+from harness.recordings.check.check_report import print_findings
+from harness.recordings.check.causes import EXCHANGED, catalogue
+from harness.recordings.check.examine import _upright, examine
+from harness.recordings.check.run import _finest, check_tables
+from harness.recordings.motion.consistency import AGREES, NOT_JUDGED, _differ, check, verdicts
+from harness.recordings.motion.pose import tangent_plane
+from harness.recordings.read.in_memory import tables_of
+from harness.recordings.read.load import recording_of
 from harness.recordings.readers import Table
 from support.weaving_car import CLOCK, STEP, TIME, drive, stored
 

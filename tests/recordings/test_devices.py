@@ -7,11 +7,11 @@ import pytest
 from bench.recording_faults.foreign import Fault, draw
 from bench.recording_faults.foreign_run import NAMED, coverage, score, table
 from harness.common.errors import UserError
-from harness.recordings.cause import DELAY, SCALE
-from harness.recordings.check import check_tables
-from harness.recordings.in_memory import tables_of
-from harness.recordings.load import load_recording, recording_of
-from harness.recordings.pair_fit import long_run
+from harness.recordings.check.causes import DELAY, SCALE
+from harness.recordings.check.run import check_tables
+from harness.recordings.motion.pair_fit import long_run
+from harness.recordings.read.in_memory import tables_of
+from harness.recordings.read.load import load_recording, recording_of
 
 STEP = 0.02
 TIME = np.arange(0, 120, STEP)

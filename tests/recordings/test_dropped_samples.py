@@ -5,10 +5,10 @@ import pandas as pd
 import pytest
 
 from harness import recordings
-from harness.recordings.check_report import CONTENT, content_rows
-from harness.recordings.in_memory import tables_of
-from harness.recordings.load import recording_of
-from harness.recordings.resample import updated_on_grid
+from harness.recordings.check.check_report import CONTENT, content_rows
+from harness.recordings.read.in_memory import tables_of
+from harness.recordings.read.load import recording_of
+from harness.recordings.read.resample import updated_on_grid
 
 STEP = 0.01
 GRID = np.arange(1000) * STEP

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from harness.recordings import kinematic_smoother
-from harness.recordings.kinematic_smoother import resolution_of, run_lengths, smoothed
+from harness.recordings.smooth import kinematic_smoother
+from harness.recordings.smooth.kinematic_smoother import resolution_of, run_lengths, smoothed
 
 STEP = 0.01
 TIME = np.arange(6000) * STEP

@@ -7,14 +7,12 @@ import pytest
 
 import harness as h
 from harness.identification.map_trial import NominalFit
-from harness.recordings.cause import DELAY
-from harness.recordings.check import Remedy, check_tables, tried_by_fit
-from harness.recordings.examine import Finding, examine
-from harness.recordings.faults import SIGN, Fault
-from harness.recordings.in_memory import tables_of
-from harness.recordings.load import recording_of
-from harness.recordings.remedy import mended
-from harness.recordings.trial import spoils
+from harness.recordings.check.causes import DELAY, SIGN, Fault
+from harness.recordings.check.examine import Finding, examine
+from harness.recordings.check.remedy import mended, spoils
+from harness.recordings.check.run import Remedy, check_tables, tried_by_fit
+from harness.recordings.read.in_memory import tables_of
+from harness.recordings.read.load import recording_of
 
 
 @pytest.mark.parametrize(

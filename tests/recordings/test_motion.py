@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from harness.recordings import kinematics, load_recording
-from harness.recordings.differentiate import local_polynomial
-from harness.recordings.resample import first_order_lag
+from harness.recordings import load_recording
+from harness.recordings.motion import kinematics
+from harness.recordings.motion.kinematics import local_polynomial
+from harness.recordings.read.resample import first_order_lag
 from support.weaving_car import CLOCK, STEP, TIME, drive, stored
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from harness.common.errors import UserError
-from harness.recordings.column_names import read_name, unit_of
-from harness.recordings.load import load_recording
-from harness.recordings.proposal import propose
+from harness.recordings.read.column_names import read_name, unit_of
+from harness.recordings.read.load import load_recording
+from harness.recordings.read.proposal import propose
 from support.header_tables import DEVELOPED, FRESH, HELD_OUT
 from support.headers import judged
 

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from harness.common.errors import UserError
-from harness.recordings import inputs, load_recording, measurements, resample
-from harness.recordings.channel_map import load_map
-from harness.recordings.clock import check_clock, spikes, updates
-from harness.recordings.consistency import check
-from harness.recordings.resample import onto_grid
-from harness.recordings.warnings import recording_warnings
+from harness.recordings import inputs, load_recording, measurements
+from harness.recordings.check.examine import recording_warnings
+from harness.recordings.motion.consistency import check
+from harness.recordings.read import resample
+from harness.recordings.read.channel_map import load_map
+from harness.recordings.read.clock import check_clock, spikes, updates
+from harness.recordings.read.resample import onto_grid
 from support.weaving_car import CLOCK, STEP, TIME, drive, stored
 
 MEASURED = Path(__file__).parents[3] / "shared" / "measured"

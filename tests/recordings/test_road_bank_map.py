@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 from harness.common.errors import UserError
-from harness.recordings.road_bank_map import _passages, bank_map, with_bank
+from harness.recordings.smooth.road_bank_map import _passages, bank_map, with_bank
 
 RADIUS = 50.0
 BIAS, LEAN, LEVER = -0.6, 0.05, 0.3

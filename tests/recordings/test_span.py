@@ -7,8 +7,8 @@ import pytest
 from harness.common.errors import UserError
 from harness.identification.data import refuse_the_same
 from harness.recordings import load_recording
-from harness.recordings.span import file_and_span
-from harness.recordings.warnings import recording_warnings
+from harness.recordings.check.examine import recording_warnings
+from harness.recordings.read.span import file_and_span
 
 
 @pytest.fixture

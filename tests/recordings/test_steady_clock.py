@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from harness.recordings import load_recording
-from harness.recordings.clock import check_clock
-from harness.recordings.steady_clock import steadied
+from harness.recordings.read.clock import check_clock, steadied
 
 STEP, SAMPLES = 0.01, 6000
 

@@ -10,7 +10,7 @@ import xarray as xr
 import harness as h
 from harness.config import resolve_single
 from harness.identification.coordinates import Coordinates
-from harness.recordings.axle_curves import axles_of
+from harness.recordings.check.axle_curves import axles_of
 from reproductions.identify_measured import IdentifyStudy, calibrated, from_slopes, main
 from support.documented import recorded as log_of
 

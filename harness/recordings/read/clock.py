@@ -1,0 +1,226 @@
+"""Clocks and samples of single channels: stamps that jump or jitter, repeated samples, spikes.
+
+A logger stamps a sample when it arrives, some tenths of a millisecond or milliseconds after it was taken; the sensor
+samples steadily. Interpolating to a grid from such stamps moves samples that lie on it and colours their noise. So the
+line of the stamps over the number of the sample gives the instants (as ``dejitter_timestamps`` of the Lab Streaming
+Layer does). Whether the samples were taken at the stamps after all the signals tell: they then differ from those of a
+steady clock by their slope times the jitter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from harness.common.arrays import Floats, Mask
+from harness.common.errors import UserError
+
+_OUT_OF_ORDER = 0.01
+"""Share of the stamps that may stand still or jump back; with more of them the clock is unusable."""
+_SAME = 1e-9
+"""s; stamps that are no further apart are of one instant: no recorder takes two samples within it."""
+_STOPS = 3
+"""Values that a quantity between stops returns to: one at either side and one between."""
+_SHORT = 4
+"""Updates that a run of equal values stands for at most if its length is to tell their distance."""
+_SPIKE = 12.0
+"""A spike leaves the median of its neighbourhood by this many robust standard deviations of what is usual."""
+
+
+@dataclass(frozen=True)
+class Clock:
+    """A clock that increases.
+
+    Attributes:
+        time: Stamps in s of the rows kept.
+        rows: Which rows of the file they are.
+        step: Median time between them in s.
+        warnings: What was wrong with the stamps.
+    """
+
+    time: Floats
+    rows: NDArray[np.intp]
+    step: float
+    warnings: tuple[str, ...]
+
+    def of(self, column: Floats) -> Floats:
+        """Return a column of the file ``(rows of the file,)`` in the rows kept; not to be written to."""
+        return np.asarray(column if len(self.rows) == len(column) else column[self.rows], dtype=float)
+
+
+def check_clock(stamps: Floats, where: str, of: NDArray[np.intp] | None = None) -> Clock:
+    """Keep the rows whose stamp is later than every one before.
+
+    Args:
+        stamps: Of all rows of a file, in s.
+        where: File and column, for messages.
+        of: Rows of the clock; all by default.
+
+    Raises:
+        UserError: If fewer than two rows are left, or too many stamps repeat or jump back.
+    """
+    own = np.arange(len(stamps)) if of is None else of
+    finite = np.isfinite(stamps[own])
+    time = np.where(finite, stamps[own], np.nan)
+    latest = np.maximum.accumulate(np.where(finite, time, -np.inf))
+    later = finite & np.concatenate([[True], time[1:] - latest[:-1] > _SAME])
+    del latest  # of a long recording such an array is much
+    rows = np.flatnonzero(later)
+    bad = np.flatnonzero(~later)
+    if len(rows) < 2:
+        raise UserError(f"{where}: no two stamps increase; is this the column of the time?")
+    warnings = []
+    if bad.size:
+        first = int(bad[0])
+        evidence = f"first at row {own[first] + 1}, where {time[first]:.6g} s follows {time[max(first - 1, 0)]:.6g} s"
+        if bad.size > _OUT_OF_ORDER * len(stamps):
+            raise UserError(
+                f"{where}: {bad.size} of {len(own)} stamps are missing, repeat or jump back ({evidence}); "
+                "sort the rows, or cut the file where the clock was set"
+            )
+        warnings.append(f"{where}: {bad.size} rows left out whose stamp is missing, repeats or jumps back ({evidence})")
+    kept, of_file = (time[rows], own[rows]) if bad.size else (time, own)
+    return Clock(kept, of_file, float(np.median(np.diff(kept))), tuple(warnings))
+
+
+def updates(values: Floats) -> tuple[Mask, int]:
+    """Tell samples that a slower channel delivered from those that only repeat the latest one.
+
+    A recorder that writes rows faster than a channel delivers repeats its latest value, so that nearly no run of equal
+    values is shorter than the ratio of the rates, and all are multiples of it. A channel that merely moves slowly over
+    coarse steps has runs of every length, down to one; one that rests as long as it pleases, such as a steering angle
+    that goes from lock to lock, has runs that are multiples of nothing, or keeps returning to the same few values.
+
+    Args:
+        values: Samples of shape ``(samples,)``; NaN where missing.
+
+    Returns:
+        Which samples are new, and how many rows one of them usually stands for (1: nothing is repeated). Inside a run
+        longer than that, new samples of the same value are taken to have come at the usual distance.
+    """
+    change = np.flatnonzero(values[1:] != values[:-1]) + 1
+    if len(change) < 5:
+        return np.isfinite(values), 1
+    runs = np.diff(change)
+    ratio = int(np.percentile(runs, 10, method="lower"))
+    if ratio < 2 or not _in_step(runs, ratio) or len(np.unique(values[change])) <= _STOPS:
+        return np.isfinite(values), 1
+    new = np.zeros(len(values), dtype=bool)
+    starts = np.concatenate([[0], change])
+    for start, stop in zip(starts, np.append(change, len(values)), strict=True):
+        new[start : max(stop - ratio // 2, start + 1) : ratio] = True
+    return new & np.isfinite(values), ratio
+
+
+def _in_step(runs: NDArray[np.int64], ratio: int) -> bool:
+    """Return whether most of the short runs of equal values are multiples of one length near ``ratio``."""
+    times = np.round(runs / ratio)
+    short = times <= _SHORT
+    whole = short & (times > 0)
+    period = float(np.median(runs[whole] / times[whole]))
+    away = np.abs(runs[short] - np.round(runs[short] / period) * period)
+    return float(np.mean(away <= 1 + period / 8)) > 0.75
+
+
+def spikes(values: Floats) -> Mask:
+    """Return the single-sample spikes.
+
+    A sample is a spike if it leaves the median of five by twelve robust standard deviations of what the
+    channel's samples usually do, and if it stands out by far more than its neighbours differ.
+    """
+    found = np.zeros(len(values), dtype=bool)
+    finite = np.isfinite(values)
+    x = values if finite.all() else values[finite]
+    if len(x) < 9:
+        return found
+    away = np.abs(x - scipy.ndimage.median_filter(x, 5, mode="nearest"))
+    usual = 1.4826 * np.median(away[away > 0]) if (away > 0).any() else 0.0
+    if usual == 0:
+        return found
+    far = np.flatnonzero(away > _SPIKE * usual)
+    before, after = far - 1, (far + 1) % len(x)
+    steps = np.abs(x[far] - x[np.maximum(before, 0)]), np.abs(x[np.minimum(far + 1, len(x) - 1)] - x[far])
+    far = far[np.minimum(*steps) > 4 * np.abs(x[before] - x[after])]
+    found[far if x is values else np.flatnonzero(finite)[far]] = True
+    return found
+
+
+_SLIGHT = 0.45
+"""Of a step, by which a stamp may miss its instant: the number of the sample is unmistakable."""
+
+_WHITE = 4.0
+"""Standard errors of the correlation of neighbouring deviations within which they are jitter, not a wandering clock."""
+
+_EXACT = 1e-6
+"""Of a step; stamps that deviate less are equidistant as they are."""
+
+_TELLING = 5.0
+"""Standard errors by which a signal has to follow the jitter before its stamps are believed."""
+
+_FIRST = 16
+"""Samples from which the line of all is found: over as many the median step is off by a fraction of a step."""
+
+_FEWEST = 100
+"""Samples; of fewer ones neither is known."""
+
+
+def steadied(clock: Clock, columns: Sequence[Floats]) -> Clock:
+    """Return a clock with equidistant instants in place of stamps that jitter about them; else the same.
+
+    Args:
+        clock: The stamps.
+        columns: Channels with a value per row of the file.
+    """
+    instants = _instants(clock.time, clock.step)
+    if instants is None or any(_taken_at(clock.time, instants, clock.of(column)) for column in columns):
+        return clock
+    return replace(clock, time=instants)
+
+
+def _instants(time: Floats, step: float) -> Floats | None:
+    """Return the instants of a steady clock; ``None`` if the stamps are no such clock, or need no other instants."""
+    if len(time) < _FEWEST:
+        return None
+    slope, first, many = step, float(np.median(time[:_FIRST] - step * np.arange(_FIRST))), _FIRST
+    while True:  # a line through so many stamps foretells the numbers of as many further ones
+        for _ in range(2):
+            number = np.rint((time[:many] - first) / slope)
+            slope, first = np.polyfit(number, time[:many], 1)
+        if many >= len(time):
+            break
+        many *= 2
+    jitter = time - (first + slope * number)
+    if np.abs(jitter).max() > _SLIGHT * step or np.diff(number).min() < 1:
+        return None
+    deviation = float(jitter.std())
+    if deviation < _EXACT * step:
+        return None
+    lasting = float(np.mean(jitter[1:] * jitter[:-1])) / deviation**2
+    return None if abs(lasting) * np.sqrt(len(time)) > _WHITE else first + slope * number
+
+
+def _taken_at(time: Floats, instants: Floats, values: Floats) -> bool:
+    """Whether the samples of a channel were taken when the stamps say so, and not at the steady instants.
+
+    What a sample differs from the mean of its neighbours is then its slope times how much later it is than theirs; the
+    slope is that of the next neighbours but one, whose noise is independent of it. A value that a channel repeats was
+    taken at neither instant, and its noise is its neighbour's.
+    """
+    jitter, repeated = time - instants, np.append(False, values[1:] == values[:-1])
+    values = np.where(repeated, np.nan, values)
+    late = jitter[2:-2] - 0.5 * (jitter[1:-3] + jitter[3:-1])
+    with np.errstate(invalid="ignore", over="ignore"):
+        bent = values[2:-2] - 0.5 * (values[1:-3] + values[3:-1])
+        moved = (values[4:] - values[:-4]) / (instants[4:] - instants[:-4]) * late
+        usual = np.nanmedian(np.abs(bent)) if np.isfinite(bent).any() else 0.0
+        used = np.isfinite(bent) & np.isfinite(moved) & (np.abs(bent) < 10.0 * usual)
+    power = float(moved[used] @ moved[used])
+    if used.sum() < _FEWEST or power == 0.0:
+        return False
+    share = float(moved[used] @ bent[used]) / power
+    error = float(np.sqrt(np.mean((bent[used] - share * moved[used]) ** 2) / power))
+    return share > _TELLING * error

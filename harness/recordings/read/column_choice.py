@@ -1,0 +1,333 @@
+"""Choice among the columns of a table: which are its clock, and which is a signal, in which unit.
+
+All evidence is counted in one currency, natural logarithms of odds: how surely the name says it, how usual the values
+are in a unit, and how well it agrees with the others: ``a_y = v r``, the rate of heading or course is the yaw rate,
+that of the positions the speed, that of the speed the longitudinal acceleration. An agreement gains less by each unit
+that had to be chosen for it.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from harness.common.arrays import Floats
+from harness.common.errors import UserError
+from harness.common.units import scale
+from harness.models.signals import SIGNALS
+from harness.recordings import readers
+from harness.recordings.read.channels import is_measured
+from harness.recordings.read.column_names import TIME, read_name
+from harness.recordings.read.column_values import STATED, WORST, Guess, Motion, MotionPair, Witness, compared
+from harness.recordings.read.span import Span
+
+
+def seconds_of(table: readers.Table, clocks: Sequence[tuple[str, str, str]]) -> Floats | None:
+    """Return the instants of a table in s; None where it has no clock."""
+    return table.columns[clocks[0][0]] * scale(clocks[0][1], "s", "time") if clocks else None
+
+
+def filled(table: readers.Table) -> readers.Table:
+    """Return a table with values joined over the rows of other messages, so that columns can be compared row by row."""
+    columns, rows = {}, np.arange(len(next(iter(table.columns.values()))))
+    for name, values in table.columns.items():
+        known = np.flatnonzero(is_measured(values))
+        columns[name] = np.where(is_measured(values), values, np.nan)
+        if 1 < len(known) < len(rows):
+            columns[name] = np.interp(rows, known, values[known], left=np.nan, right=np.nan)
+    return replace(table, columns=columns)
+
+
+def clocks_of(table: readers.Table) -> list[tuple[str, str, str]]:
+    """Return the clock of a table; where its vectors are those of several structures, that of each which has one.
+
+    Clocks of one recording run at the same time; a time of day beside it is none.
+    """
+    native = None if table.clock not in table.columns else _clock(table, [str(table.clock)])
+    if native is not None:
+        return [native]
+    of_structures: dict[str, list[str]] = {}
+    for column in table.columns:
+        if TIME.search(read_name(column).words):
+            of_structures.setdefault(column.rpartition(".")[0], []).append(column)
+    found = [c for c in (_clock(table, columns) for columns in of_structures.values()) if c is not None]
+    spans = [np.nanquantile(table.columns[column], [0.0, 1.0]) * scale(unit, "s", "time") for column, unit, _ in found]
+    return [c for c, (begin, end) in zip(found, spans, strict=True) if begin <= spans[0][1] and end >= spans[0][0]]
+
+
+def _clock(table: readers.Table, columns: Sequence[str]) -> tuple[str, str, str] | None:
+    """Return the first of some columns that rises as a clock does, its unit and why."""
+    for column in columns:
+        steps = np.diff(table.columns[column])
+        steps = steps[np.isfinite(steps)]
+        if len(steps) < 2 or (steps < 0).mean() > 0.01:
+            continue
+        if column == table.clock:
+            return column, "s", "the format says so"
+        stated, step = read_name(column, table.units.get(column, "")).unit, float(np.median(steps))
+        if stated is not None and stated.si == "s":
+            return column, stated.text, f"unit by the {stated.by}"
+        for unit, largest in (("s", 1.0), ("ms", 500.0), ("us", 5e5), ("ns", 5e8)):
+            if step <= largest:
+                return column, unit, f"rises by {step:g} from row to row, unit by that: {_rate(step, unit)}"
+    return None
+
+
+def _rate(step: float, unit: str) -> str:
+    seconds = step * {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}[unit]
+    return f"{1 / seconds:.4g} Hz" if seconds > 0 else "several rows at a time"
+
+
+def cut(table: readers.Table, seconds: Floats | None, span: Span, said: Path) -> readers.Table:
+    """Return the rows of a table in a span, counted from its first stamp."""
+    if seconds is None:
+        raise UserError(f"{said}: there is no clock, so no part of it can be told; propose a map of the whole file")
+    since = seconds - seconds[np.isfinite(seconds)][0]
+    rows = (since >= span[0]) & (since < span[1])
+    if rows.sum() < 2:
+        raise UserError(f"{said}: the recording runs from 0 to {np.nanmax(since):.2f} s; there is nothing in that span")
+    return replace(table, columns={name: values[rows] for name, values in table.columns.items()})
+
+
+_DOUBT = 0.7
+"""What the likeliest unit must be ahead of the next where nothing but the values tells it."""
+_AS_OTHERS = 2.0
+"""What it counts that another column of the same kind has this unit."""
+ENOUGH = 1.6
+"""What a column must come to, so that it is taken for a signal: a name that says too little needs the motion."""
+_TURNS_ALIKE = 0.8
+"""Correlation from which a steering angle and the yaw rate tell a wheelbase."""
+_JOINT = ("speed", "yaw_rate", "lateral_acceleration", "longitudinal_acceleration")
+WHEELBASES = {"road_wheel_angle": (3.5, 0.5), "steering_wheel_angle": (50.0, 0.6)}
+"""Steering angle times speed over yaw rate, m, with the standard deviation of its logarithm."""
+WHEELBASE = "times speed over yaw rate:"
+"""How the reason begins that this gives."""
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """Guesses that agree best with each other.
+
+    Attributes:
+        guesses: By signal.
+        relations: What was compared.
+        lost: Columns that another one is better than, with the reason.
+    """
+
+    guesses: dict[str, Guess]
+    relations: list[MotionPair]
+    lost: dict[str, str]
+
+
+def choose(candidates: Sequence[Guess], motion: Motion, seen: Witness) -> Chosen:
+    """Return for every signal the column and unit that all evidence together says.
+
+    Args:
+        candidates: Columns in each unit that they may have.
+        motion: Their series.
+        seen: What heading and positions say.
+    """
+    sums = _Sums(motion, seen)
+    kept = {g.signal: g for g in _jointly(candidates, sums)}
+    settled = {s for r in sums.relations(kept) if r.agrees for s in r.signals}
+    for g in [g for s, g in kept.items() if s in WHEELBASES]:
+        if turns := sums.turns(kept, g):
+            settled.add(g.signal)
+            kept[g.signal] = replace(g, why=(*g.why, turns))
+    doubtful = {s: g for s, g in kept.items() if g.free and s not in settled and _doubtful(g, candidates)}
+    kept = {s: g for s, g in kept.items() if s not in doubtful}
+    for signal in dict.fromkeys(g.signal for g in candidates):
+        if signal not in _JOINT and signal not in WHEELBASES:
+            si = SIGNALS[signal].unit
+            units = {g.unit for g in kept.values() if SIGNALS[g.signal].unit == si}
+            points = {g: g.points + _AS_OTHERS * (g.free and g.unit in units) for g in candidates if g.signal == signal}
+            best = max(points, key=lambda g: points[g])
+            if best.points >= ENOUGH and best.column not in {g.column for g in kept.values()}:
+                kept[signal] = best
+    lost = _lost(candidates, kept, sums) | {
+        g.column: f"may be {s}, but nothing tells its unit from another one: write it with its unit"
+        for s, g in doubtful.items()
+    }
+    return Chosen(kept, [r for r in sums.relations(kept) if np.isfinite(r.factor)], lost)
+
+
+def _jointly(candidates: Sequence[Guess], sums: _Sums) -> list[Guess]:
+    """Return the columns of speed, yaw rate, accelerations and steering that together count most.
+
+    That a steering angle or longitudinal acceleration contradicts a speed counts against itself, not against the speed.
+    """
+    pools = [_best(candidates, {s}) for s in _JOINT]
+    wheels = _best(candidates, set(WHEELBASES))
+    best: tuple[Guess | None, ...] = (None, None, None)
+    most = -np.inf
+    for three in itertools.product(*pools[:3]):
+        speed, rate, _ = three
+        points = sum(sums.alone(g) for g in three) + sums.lateral(*three).points
+        points += max(0.0, *(sums.longitudinal(speed, g).points for g in pools[3]))
+        points += max(0.0, *(sums.steered(speed, rate, g) for g in wheels))
+        if points > most + 1e-9:
+            best, most = three, points
+    speed, rate, lateral = best
+    apart = [g for g in pools[3] if g is None or lateral is None or g.column != lateral.column]
+    along = max(apart, key=lambda g: sums.alone(g) + sums.longitudinal(speed, g).points)
+    wheel = max(wheels, key=lambda g: sums.alone(g) + sums.steered(speed, rate, g))
+    return [g for g in (*best, along, wheel) if g is not None]
+
+
+def _best(candidates: Iterable[Guess], signals: set[str]) -> list[Guess | None]:
+    """Return the likeliest guesses for signals by name and values, and that there is none."""
+    return [*sorted((g for g in candidates if g.signal in signals), key=lambda g: -g.points)[:8], None]
+
+
+def _doubtful(g: Guess, candidates: Sequence[Guess]) -> bool:
+    """Whether nothing tells the unit of a column from another one."""
+    others = (o for o in candidates if o.column == g.column and o.signal == g.signal and o.unit != g.unit)
+    return any(g.usual - o.usual < _DOUBT for o in others)
+
+
+class _Sums:
+    """What guesses count alone and together."""
+
+    def __init__(self, motion: Motion, seen: Witness) -> None:
+        self._motion, self._seen = motion, seen
+        self._kept: dict[tuple[str, ...], MotionPair] = {}
+
+    def alone(self, guess: Guess | None) -> float:
+        """Return what name, values, heading and positions count, or what a column must come to."""
+        if guess is None:
+            return ENOUGH
+        return guess.points + (self.by_witness(guess).points if guess.signal in ("speed", "yaw_rate") else 0.0)
+
+    def by_witness(self, g: Guess) -> MotionPair:
+        """Compare a yaw rate or speed with heading or positions."""
+        if g.signal == "speed":  # of which positions do not tell whether it is backwards
+            return self._compared(
+                "speed over that of the positions", (g,), lambda: (np.abs(self._motion.of(g)), self._seen.speed)
+            )
+        by = () if self._seen.heading is None else (self._seen.heading,)
+        name = f"yaw rate over the rate of the {'heading' if by else 'course over ground'}"
+        return self._compared(name, (g, *by), lambda: (self._motion.of(g), self._seen.turn))
+
+    def lateral(self, speed: Guess | None, rate: Guess | None, across: Guess | None) -> MotionPair:
+        """Compare a lateral acceleration with speed times yaw rate, or the rate of the heading where there is none."""
+        by = "yaw rate" if rate is not None else "the rate of the heading"
+
+        def sides() -> tuple[Floats, Floats]:
+            assert speed is not None
+            assert across is not None
+            turn = self._seen.turn if rate is None else self._motion.of(rate)
+            v = self._motion.of(speed)
+            return self._motion.of(across), v * turn if len(v) == len(turn) else np.empty(0)
+
+        taking = (across, speed) if rate is None else (across, speed, rate)
+        return self._compared(f"lateral acceleration over speed times {by}", taking, sides)
+
+    def longitudinal(self, speed: Guess | None, along: Guess | None) -> MotionPair:
+        """Compare a longitudinal acceleration with the rate of the speed."""
+
+        def sides() -> tuple[Floats, Floats]:
+            assert speed is not None
+            assert along is not None
+            return self._motion.of(along), self._motion.rate(self._motion.of(speed))
+
+        return self._compared("longitudinal acceleration over the rate of the speed", (along, speed), sides)
+
+    def wheelbase(self, speed: Guess | None, rate: Guess | None, wheel: Guess | None) -> MotionPair:
+        """Compare a steering angle with yaw rate over speed: the factor is the apparent wheelbase in m."""
+
+        def sides() -> tuple[Floats, Floats]:
+            assert speed is not None
+            assert rate is not None
+            assert wheel is not None
+            v, r = self._motion.of(speed), self._motion.of(rate)
+            if len(v) != len(r):
+                return v, np.empty(0)
+            v = np.where(np.abs(v) > 0.2 * np.nanmax(np.abs(v)), v, np.nan)
+            return self._motion.of(wheel), r / v
+
+        return self._compared("wheelbase", (wheel, speed, rate), sides)
+
+    def steered(self, speed: Guess | None, rate: Guess | None, wheel: Guess | None) -> float:
+        """Return what the apparent wheelbase counts for a steering angle."""
+        base = self.wheelbase(speed, rate, wheel)
+        if wheel is None or not np.isfinite(base.factor) or abs(base.alike) < _TURNS_ALIKE:
+            return 0.0
+        middle, spread = WHEELBASES[wheel.signal]
+        off = 0.5 * (np.log(abs(base.factor) / middle) / spread) ** 2
+        return float(1.5 - min(off, 3.0 if wheel.stated else 6.0))
+
+    def turns(self, kept: Mapping[str, Guess], wheel: Guess) -> str:
+        """Say which wheelbase a steering angle implies; empty if that is none of its kind, or cannot be told."""
+        speed, rate = kept.get("speed"), kept.get("yaw_rate")
+        base = self.wheelbase(speed, rate, wheel)
+        return f"{WHEELBASE} {abs(base.factor):.3g} m" if self.steered(speed, rate, wheel) > 0 else ""
+
+    def relations(self, kept: Mapping[str, Guess]) -> list[MotionPair]:
+        """Return all that can be compared among what was chosen."""
+        speed, rate, across, along = (kept.get(s) for s in _JOINT)
+        return [
+            *(self.by_witness(g) for g in (speed, rate) if g is not None),
+            self.lateral(speed, rate, across),
+            self.longitudinal(speed, along),
+        ]
+
+    def _compared(
+        self, name: str, guesses: tuple[Guess | None, ...], sides: Callable[[], tuple[Floats, Floats]]
+    ) -> MotionPair:
+        """Compare two series, once for all columns in all units; a factor of NaN where a guess is missing."""
+        taking = [g for g in guesses if g is not None]
+        if len(taking) < len(guesses):
+            return MotionPair(name, (), np.nan, np.nan)
+        key = (name, *(f"{g.column} {g.unit}" for g in taking))
+        if key not in self._kept:
+            signals = tuple(g.signal for g in taking)
+            self._kept[key] = compared(name, signals, *sides(), sum(g.free for g in taking))
+        return self._kept[key]
+
+
+def _lost(candidates: Sequence[Guess], kept: Mapping[str, Guess], sums: _Sums) -> dict[str, str]:
+    """Return why each column that is not taken is not."""
+    taken, lost = {g.column for g in kept.values()}, dict[str, str]()
+    by_column = itertools.groupby(sorted(candidates, key=lambda g: (g.column, -g.points)), key=lambda g: g.column)
+    for column, variants in by_column:
+        if column in taken:
+            continue
+        g = next(variants)
+        steers = g.signal in WHEELBASES
+        winner = next((k for k in kept.values() if k.signal == g.signal or (steers and k.signal in WHEELBASES)), None)
+        if winner is None:
+            lost[column] = f"may be {g.signal}, but {_lacking(g, kept, sums)}"
+            continue
+        parts = {
+            "its unit is stated": STATED * (winner.stated - g.stated),
+            "its name says more": winner.sure - g.sure,
+            "its values are more usual": winner.usual - g.usual,
+            "it agrees better with the others' motion": _by_motion(winner, kept, sums) - _by_motion(g, kept, sums),
+        }
+        most = max(parts, key=lambda p: parts[p])
+        lost[column] = f"'{winner.column}' is {winner.signal}: {most if parts[most] > 0.05 else 'it comes first'}"
+    return lost
+
+
+def _by_motion(g: Guess, kept: Mapping[str, Guess], sums: _Sums) -> float:
+    """Return what the motion of the others counts for a guess in the place of that of its signal."""
+    speed, rate, across, along = ({**kept, g.signal: g}.get(s) for s in _JOINT)
+    if g.signal in WHEELBASES:
+        return sums.steered(speed, rate, g)
+    points = sums.alone(g) - g.points
+    if g.signal in _JOINT[:3]:
+        points += sums.lateral(speed, rate, across).points
+    return points + sums.longitudinal(speed, along).points * (g.signal in (_JOINT[0], _JOINT[3]))
+
+
+def _lacking(g: Guess, kept: Mapping[str, Guess], sums: _Sums) -> str:
+    """Say why a column is taken for nothing although its name may say a signal."""
+    if g.sure >= ENOUGH and g.usual <= WORST / 2:
+        return "its values are those of no vehicle"
+    if _by_motion(g, kept, sums) < 0:
+        return "it does not move as the other columns say"
+    return "its name says too little, and no motion of another column confirms it"
