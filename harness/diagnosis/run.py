@@ -1,36 +1,147 @@
-"""A trace from recordings to an outcome on disk: what ``harness trace`` and ``harness loop`` share."""
+"""A trace from recordings to an outcome on disk: what ``harness trace`` and ``harness loop`` share.
+
+Recordings have to be long and lively enough. While it works a trace says what it does and how long it will take yet.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import suppress
+import math
+import re
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 import xarray as xr
 from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.text import Text
 from threadpoolctl import threadpool_limits
 
+from harness.common.errors import UserError
 from harness.common.failures import Failures
 from harness.common.places import inside
 from harness.config import ModelSpec
 from harness.diagnosis.criteria import ROUNDS
-from harness.diagnosis.fitting.kept_fits import KeptFits
+from harness.diagnosis.fitting.fit import KeptFits
 from harness.diagnosis.known_gains import known_ranges
 from harness.diagnosis.model.augmented_model import AugmentedModel
-from harness.diagnosis.progress import progress
-from harness.diagnosis.recording_checks import refuse_recordings
-from harness.diagnosis.result.estimator_gain import Estimated, estimators_on
-from harness.diagnosis.result.estimator_kernels import compile_estimators
+from harness.diagnosis.result.estimator_gain import Estimated, compile_estimators, estimators_on
 from harness.diagnosis.result.outcome import Outcome, outcome_of
 from harness.diagnosis.result.record import write_outcome
 from harness.diagnosis.result.study_gain import REPEATS, StudyGain, refuse_study, study_gain
 from harness.diagnosis.selection.forward_selection import trace
 from harness.diagnosis.selection.parameter_changes import Changes, single_changes
-from harness.identification.data import Drive
-from harness.identification.measured_file import names_of, refuse_repeated
+from harness.identification.data import Drive, measurements_of, steered
+from harness.identification.measured_file import SHORTEST, names_of, refuse_repeated
 from harness.recordings.check.examine import recording_warnings
+
+_ROUND = re.compile(r"round (\d+):")
+
+
+class Stages:
+    """The stages of a trace by the time at which they began.
+
+    How many rounds there will be is not known. The last one adds nothing and is as long as the one before it or
+    shorter, so that is what is left of them at least. What follows the rounds, where every addition is questioned,
+    takes about as long as they did: with many additions longer, with few or none far shorter.
+
+    Args:
+        clock: Returns s.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock, self._begun = clock, clock()
+        self._rounds: list[float] = []  # how long each took, but for the one that is running
+        self._round, self._since, self._ended = 0, 0.0, math.inf
+
+    def said(self, what: str) -> str:
+        """Return a stage in a line: what, since when, and about how long it takes yet where that can be said."""
+        now = self._clock()
+        found = _ROUND.match(what)
+        if found and int(found[1]) > self._round:
+            if self._round:
+                self._rounds.append(min(now, self._ended) - self._since)
+            self._round, self._since, self._ended = int(found[1]), now, math.inf
+        elif not found and self._round:
+            self._ended = min(self._ended, now)
+        return f"{_minutes(now - self._begun)}  {what}{self._left(now)}"
+
+    def _left(self, now: float) -> str:
+        """Return how long is left, once a whole round is known."""
+        if not self._rounds:
+            return ""
+        last = self._rounds[-1]
+        if now < self._ended:
+            left = max(0.0, self._since + last - now) + sum(self._rounds) + last
+            return f"; about {_minutes(left)} left if it is the last round"
+        left = sum(self._rounds) + self._ended - self._since - (now - self._ended)
+        return f"; about {_minutes(left)} left" if left > 0 else ""
+
+
+def _minutes(seconds: float) -> str:
+    return f"{int(seconds) // 60}:{int(seconds) % 60:02d}"
+
+
+@contextmanager
+def progress(console: Console) -> Iterator[Callable[[str], None]]:
+    """Show what is being done: a moving bar on a terminal, elsewhere a line per stage."""
+    stages = Stages()
+    if not console.is_terminal:
+
+        def line(what: str) -> None:
+            console.print(Text(stages.said(what)), soft_wrap=True)
+
+        line("compiling the library of effects")
+        yield line
+        return
+    columns = SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("compiling the library of effects", total=None)
+        yield lambda what: bar.update(task, description=stages.said(what))
+
+
+CALM = 0.3
+"""m/s^2; lateral acceleration that a road with a cross slope of 3 % has without any steering."""
+
+_LIVELY = "quick steering, a steady circle to either side and lane changes, two minutes or more"
+
+
+def refuse_recordings(recordings: Sequence[xr.Dataset], spec: ModelSpec) -> None:
+    """Refuse a recording that is not informative enough, before anything is compiled.
+
+    Raises:
+        UserError: If one is too short or too calm, with what to drive; if an input of the model is missing or has gaps.
+    """
+    for recording in recordings:
+        measurements_of(steered(recording, spec.values), spec.model(), str(recording.attrs["file"]))
+        file, time = recording.attrs["file"], recording["time"].to_numpy()
+        if time[-1] - time[0] < SHORTEST:
+            raise UserError(
+                f"{file}: lasts {time[-1] - time[0]:.1f} s, too short to identify what is missing; record at least "
+                f"{SHORTEST:.0f} s, better {_LIVELY}"
+            )
+        reached = _lateral_acceleration(recording)
+        if reached < CALM:
+            raise UserError(
+                f"{file}: for 95 % of the time the lateral acceleration (speed times yaw rate) is below {reached:.2f} "
+                f"m/s^2, too little excitation to identify what is missing; drive {_LIVELY}, so that it passes "
+                f"{CALM:g} m/s^2"
+            )
+
+
+def _lateral_acceleration(recording: xr.Dataset) -> float:
+    """Return what 95 % of the samples stay below in m/s^2; infinite where speed or yaw rate are not recorded."""
+    rates = [str(n) for n in recording if str(n).startswith("yaw_rate")]
+    speeds = [n for n in ("speed", "longitudinal_velocity") if n in recording]
+    if not rates or not speeds:
+        return np.inf
+    both = np.abs(recording[rates[0]].to_numpy() * recording[speeds[0]].to_numpy())
+    known = both[np.isfinite(both)]
+    return float(np.quantile(known, 0.95)) if known.size else np.inf
+
 
 UNFINISHED = "unfinished"
 """Folder in that of the results which keeps the fits of a trace until it has ended."""

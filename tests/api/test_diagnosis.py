@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 import harness as h
-from harness.diagnosis.result.value import Value
+from harness.diagnosis.result.answer import Value
 
 TIME = np.round(np.arange(0, 25, 0.02), 9)
 SIGNALS = ("steering_wheel_angle", "speed", "yaw_rate", "lateral_acceleration", "lateral_velocity")

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
-from harness.diagnosis.report.how_likely import scaled
+from harness.diagnosis.report.probabilities import scaled
 from harness.diagnosis.report.summary import _certainty
-from harness.diagnosis.result.answer import gap
-from harness.diagnosis.result.verdict import verdict_of
+from harness.diagnosis.result.answer import gap, verdict_of
 from harness.diagnosis.selection.acceptance import (
     Candidate,
     decide,

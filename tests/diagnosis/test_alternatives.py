@@ -8,11 +8,10 @@ import pytest
 from harness.diagnosis.criteria import TRIED
 from harness.diagnosis.fitting.fit import Fitting
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, hypotheses, still_open
-from harness.diagnosis.selection import alternatives
-from harness.diagnosis.selection.alternatives import Alternatives
+from harness.diagnosis.selection import model_comparison
 from harness.diagnosis.selection.candidate_fits import CandidateFits
 from harness.diagnosis.selection.forward_selection import first_variances
-from harness.diagnosis.selection.model_comparison import likeliest
+from harness.diagnosis.selection.model_comparison import Alternatives, likeliest
 from harness.diagnosis.selection.validation import HeldOut
 from support.driven_car import FREE, driven
 
@@ -73,8 +72,10 @@ def test_many_parameters_must_promise_more_and_what_says_the_same_is_not_tried(m
             def rank(self):
                 pass
 
-        monkeypatch.setattr(alternatives, "SelectionRound", Ranked)
-        monkeypatch.setattr(alternatives, "same", lambda one, other: {one.hypothesis, other.hypothesis} == {own, twin})
+        monkeypatch.setattr(model_comparison, "SelectionRound", Ranked)
+        monkeypatch.setattr(
+            model_comparison, "same", lambda one, other: {one.hypothesis, other.hypothesis} == {own, twin}
+        )
         asked = Alternatives(SimpleNamespace(models={frozenset(): ((), None)}))
         monkeypatch.setattr(asked, "_test", lambda *_: None)
         first = [s.hypothesis for s in asked._stand_ins(own, (), None)]
@@ -103,8 +104,8 @@ def test_what_came_nearest_in_its_round_is_tried_in_the_place_of_an_addition_tho
     candidates = [tried(own, 90.0), unfitted, tried(drifts, 75.0), tried(second, 70.0), tried(others[0], 60.0)]
     round_ = SimpleNamespace(added=candidates[0], candidates=candidates)
     ranked = SimpleNamespace(promised=scores, shortlist=scores[:5], rank=lambda: None)
-    monkeypatch.setattr(alternatives, "SelectionRound", lambda *_: ranked)
-    monkeypatch.setattr(alternatives, "same", lambda *_: False)
+    monkeypatch.setattr(model_comparison, "SelectionRound", lambda *_: ranked)
+    monkeypatch.setattr(model_comparison, "same", lambda *_: False)
     for rounds, extra in (([], []), ([round_], [second])):
         asked = Alternatives(SimpleNamespace(models={frozenset(): ((), None)}), rounds)
         monkeypatch.setattr(asked, "_test", lambda *_: None)
@@ -118,14 +119,14 @@ def test_many_parameters_are_fitted_unless_something_simpler_explains_everything
     mass = Hypothesis("mass", "parameter", ("mass",))
     many = Hypothesis(ALL_PARAMETERS, "parameter", ("cog", "mass"))
     nothing = SimpleNamespace(loss=0.0, points=())
-    monkeypatch.setattr(alternatives, "Curvature", lambda fits, best: SimpleNamespace(without=lambda *_: nothing))
+    monkeypatch.setattr(model_comparison, "Curvature", lambda fits, best: SimpleNamespace(without=lambda *_: nothing))
     stand_ins = [SimpleNamespace(hypothesis=h) for h in (many, mass)]
-    monkeypatch.setattr(alternatives.Alternatives, "_stand_ins", lambda *_: stand_ins)
-    monkeypatch.setattr(alternatives.Alternatives, "_judged", lambda *_: None)
+    monkeypatch.setattr(model_comparison.Alternatives, "_stand_ins", lambda *_: stand_ins)
+    monkeypatch.setattr(model_comparison.Alternatives, "_judged", lambda *_: None)
 
     def fitted(*added, explained=True, with_mass=-1.0):
         """Return the models with many parameters that are fitted; those with a mass are as likely as it says."""
-        monkeypatch.setattr(alternatives, "leaves_nothing", lambda after, before: explained)
+        monkeypatch.setattr(model_comparison, "leaves_nothing", lambda after, before: explained)
         best, found, models = SimpleNamespace(objective=0.0, point=None), [], {}
 
         def fit_all(chosen, *_, **__):

@@ -9,8 +9,7 @@ import pytest
 
 from harness.common.statistics import Interval
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
-from harness.diagnosis.result.answer import answer
-from harness.diagnosis.result.value import Value
+from harness.diagnosis.result.answer import Value, answer
 from harness.diagnosis.selection.posterior import Alike, Model, Posterior
 from harness.identification.coordinates import parameter_coordinate
 from harness.models.contracts import Parameter

@@ -5,7 +5,7 @@ import pytest
 
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, CHANNEL_DELAYS, hypotheses, still_open
 from harness.diagnosis.selection.forward_selection import trace
-from harness.diagnosis.selection.priors import log_odds
+from harness.diagnosis.selection.posterior import log_odds
 from support.driven_car import FREE, driven
 
 

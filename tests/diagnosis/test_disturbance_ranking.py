@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from harness.diagnosis.innovations.disturbance_inputs import disturbance_inputs_of
+from harness.diagnosis.residuals.dependence import WITHIN, regressors_of, with_quick
 from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking
 from harness.diagnosis.residuals.innovation_tests import consistency, cross_correlation
-from harness.diagnosis.residuals.regressors import WITHIN, regressors_of, with_quick
 from harness.diagnosis.residuals.unmodelled import find_unmodelled
-from harness.diagnosis.result.wording import described
+from harness.diagnosis.result.answer import described
 from harness.diagnosis.selection.forward_selection import first_variances
 from harness.diagnosis.selection.validation import HeldOut
 from support.driven_car import driven, fitted

@@ -8,10 +8,10 @@ from scipy.stats import norm
 
 from harness.diagnosis.fitting.fit import Fitting, Point
 from harness.diagnosis.model.hypotheses import coordinates, hypotheses
-from harness.diagnosis.result.fitted_model import fitted_model
+from harness.diagnosis.result.estimator_gain import fitted_model
 from harness.diagnosis.selection.acceptance import objections
 from harness.diagnosis.selection.forward_selection import first_variances, trace
-from harness.diagnosis.selection.priors import kind_of, log_odds
+from harness.diagnosis.selection.posterior import kind_of, log_odds
 from harness.diagnosis.selection.validation import HeldOut
 from harness.identification.filtered_model import Candidates
 from harness.identification.innovations import Innovations

@@ -9,7 +9,7 @@ import pytest
 
 from harness.diagnosis.fitting.fit import Fitted, Fitting
 from harness.diagnosis.model.hypotheses import coordinates
-from harness.diagnosis.result.cautions import cautions
+from harness.diagnosis.result.outcome import cautions
 from harness.diagnosis.selection.candidate_fits import CandidateFits
 from harness.diagnosis.selection.forward_selection import Trace, first_variances
 from harness.diagnosis.selection.validation import HeldOut, simulation_error

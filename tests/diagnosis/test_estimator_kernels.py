@@ -5,8 +5,8 @@ import pickle
 import pytest
 
 from harness.config import resolve_single
-from harness.diagnosis.result import estimator_kernels
-from harness.diagnosis.result.estimator_kernels import EstimatorKernels, compile_estimators
+from harness.diagnosis.result import estimator_gain
+from harness.diagnosis.result.estimator_gain import EstimatorKernels, compile_estimators
 from harness.engine.compile import is_on_disk
 from support.driven_car import CAR, driven
 
@@ -23,7 +23,7 @@ def recording():
 
 def test_each_estimator_is_compiled_with_each_model_here_or_in_a_further_process(models, recording, monkeypatch):
     asked = []
-    monkeypatch.setattr(estimator_kernels, "compile_all", lambda *given: asked.append(given))
+    monkeypatch.setattr(estimator_gain, "compile_all", lambda *given: asked.append(given))
     compile_estimators(models, ("ekf", "ukf"), recording, 3, print)
     kernels, again, further, _ = asked[0]
     made = pickle.loads(pickle.dumps(again))()

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from harness.diagnosis.innovations.held_disturbance import held_disturbances, samples_held
 from harness.diagnosis.innovations.innovation_model import InnovationModel, InputDirection
+from harness.diagnosis.residuals.disturbance_ranking import held_disturbances, samples_held
 from harness.engine.simd.lanes import LANES
 
 SAMPLES, STATES, OUTPUTS, STEP, TIME_CONSTANT, DEVIATION = 83, 5, 3, 0.1, 1.5, 0.7

@@ -9,10 +9,9 @@ import pytest
 from rich.console import Console
 
 from harness.diagnosis import run
-from harness.diagnosis.fitting.fit import Fitted, Fitting
-from harness.diagnosis.fitting.kept_fits import KeptFits
+from harness.diagnosis.fitting.fit import Fitted, Fitting, KeptFits
 from harness.diagnosis.model.hypotheses import coordinates
-from harness.diagnosis.progress import Stages, progress
+from harness.diagnosis.run import Stages, progress
 from harness.diagnosis.selection.forward_selection import first_variances
 from support.driven_car import FREE, driven
 

@@ -6,7 +6,6 @@ import numpy as np
 
 from harness.diagnosis.criteria import HOPEFUL
 from harness.diagnosis.model.hypotheses import Hypothesis, hypotheses
-from harness.diagnosis.selection import alternatives
 from harness.diagnosis.selection import model_comparison as comparison
 from support.driven_car import FREE
 
@@ -74,8 +73,7 @@ def test_one_addition_after_the_other_is_tried_without_and_what_is_beyond_doubt_
     """The second and the third are tried in the model without the first, in which they are not in question or are."""
     odd, one, other = (Hypothesis(n, "effect", (n,)) for n in ("odd", "speed_delay", "steering_delay"))
     unknown = SimpleNamespace(loss=0.0, points=())
-    for module in (comparison, alternatives):
-        monkeypatch.setattr(module, "Curvature", lambda fits, best: SimpleNamespace(without=lambda *_: unknown))
+    monkeypatch.setattr(comparison, "Curvature", lambda fits, best: SimpleNamespace(without=lambda *_: unknown))
     most = {(odd, one, other): 0.0, (one,): -1.0, (other,): -1.15, (): -9.0}
 
     def asked(of_rest):
@@ -98,7 +96,7 @@ def test_one_addition_after_the_other_is_tried_without_and_what_is_beyond_doubt_
         added, _, needed = comparison._lessened(fits, likelier, *models[frozenset((odd, one, other))])
         assert added == (one, other)
         assert needed == ({one} if of_rest > -0.1 else set())
-        alternatives.Alternatives(fits).fit(added, fitted(added), needed)
+        comparison.Alternatives(fits).fit(added, fitted(added), needed)
         return tried
 
     assert asked(-0.05) == [(one, other), (other,), (one,)]

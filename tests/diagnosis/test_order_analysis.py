@@ -7,7 +7,7 @@ from harness.diagnosis.innovations.innovation_model import InnovationModel, Inpu
 from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking
 from harness.diagnosis.residuals.order_analysis import DistanceDomainDrive, Waves, find_periodic, in_distance_domain
 from harness.diagnosis.residuals.unmodelled import find_unmodelled
-from harness.diagnosis.result.wording import described
+from harness.diagnosis.result.answer import described
 from harness.diagnosis.selection.forward_selection import first_variances
 from harness.diagnosis.selection.validation import HeldOut
 from support.driven_car import driven, fitted

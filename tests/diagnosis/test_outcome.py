@@ -14,15 +14,14 @@ from harness.common.statistics import Interval
 from harness.diagnosis import run
 from harness.diagnosis.criteria import HORIZONS, PRIORS
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
-from harness.diagnosis.report import figures, residual_sections
-from harness.diagnosis.report.how_likely import likely
+from harness.diagnosis.report import probabilities, residual_sections
+from harness.diagnosis.report.probabilities import likely
 from harness.diagnosis.report.report import document
-from harness.diagnosis.report.residual_figures import correlations
+from harness.diagnosis.report.residual_figures import correlations, picture
 from harness.diagnosis.report.summary import _rounds
-from harness.diagnosis.report.vehicle_picture import picture
+from harness.diagnosis.residuals.dependence import Regressor
 from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking
 from harness.diagnosis.residuals.innovation_tests import consistency, cross_correlation
-from harness.diagnosis.residuals.regressors import Regressor
 from harness.diagnosis.residuals.unmodelled import UnmodelledDisturbance, find_unmodelled
 from harness.diagnosis.result.answer import gap
 from harness.diagnosis.result.outcome import outcome_of
@@ -250,8 +249,8 @@ def test_a_round_that_cannot_be_computed_ends_the_search_and_not_the_report(trac
 def test_an_infinite_gain_is_drawn_to_the_edge():
     hypothesis = Hypothesis("mass", "parameter", ("mass",))
     tried = tuple(SimpleNamespace(hypothesis=hypothesis, fitted=object(), bic=b) for b in (np.inf, 80.0, -np.inf))
-    assert figures.ranking(SimpleNamespace(candidates=tried), 1).startswith(b"<?xml")
-    assert figures.ranking(SimpleNamespace(candidates=tried[:1]), 1).startswith(b"<?xml")
+    assert probabilities.ranking(SimpleNamespace(candidates=tried), 1).startswith(b"<?xml")
+    assert probabilities.ranking(SimpleNamespace(candidates=tried[:1]), 1).startswith(b"<?xml")
 
 
 def test_an_error_that_is_not_known_does_not_fall():

@@ -17,7 +17,7 @@ from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, coord
 from harness.diagnosis.selection import posterior as p
 from harness.diagnosis.selection.acceptance import beyond_belief
 from harness.diagnosis.selection.forward_selection import first_variances
-from harness.diagnosis.selection.priors import kind_of, log_odds, log_size, log_some_of, log_stand_in
+from harness.diagnosis.selection.posterior import kind_of, log_odds, log_size, log_some_of, log_stand_in
 from harness.identification.coordinates import Coordinate
 from support.driven_car import FREE, driven
 

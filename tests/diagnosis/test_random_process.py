@@ -14,7 +14,7 @@ from harness.diagnosis.fitting.fit import Fitting
 from harness.diagnosis.model.hypotheses import coordinates
 from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking
 from harness.diagnosis.residuals.random_process import expected_excess, find_random_process
-from harness.diagnosis.result.fitted_model import fitted_model
+from harness.diagnosis.result.estimator_gain import fitted_model
 from harness.diagnosis.selection.forward_selection import first_variances
 from harness.diagnosis.selection.validation import HeldOut, colour_left
 from harness.identification.filtered_model import Candidates

@@ -20,8 +20,8 @@ from harness.diagnosis.model.hypotheses import (
 )
 from harness.diagnosis.selection import selection_round as rounds
 from harness.diagnosis.selection.acceptance import beyond_belief
-from harness.diagnosis.selection.priors import log_size
-from harness.diagnosis.selection.random_scores import random_scores
+from harness.diagnosis.selection.posterior import log_size
+from harness.diagnosis.selection.selection_round import random_scores
 from harness.models.signals import SIGNALS
 
 NAMES = ("drift_front", "drift_rear")

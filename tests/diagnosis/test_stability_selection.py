@@ -5,8 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from harness.diagnosis.residuals.regressors import Regressor
-from harness.diagnosis.residuals.stability_selection import proposals
+from harness.diagnosis.residuals.dependence import Regressor, proposals
 
 STEP, SAMPLES, GROWN = 0.01, 6000, 1e25
 PARAMETERS = 2

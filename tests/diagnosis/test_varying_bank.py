@@ -7,8 +7,8 @@ from harness.diagnosis.criteria import EXCESS
 from harness.diagnosis.model.hypotheses import coordinates, hypotheses
 from harness.diagnosis.selection import forward_selection
 from harness.diagnosis.selection.forward_selection import trace
-from harness.diagnosis.selection.priors import kind_of
-from harness.diagnosis.selection.random_scores import random_scores
+from harness.diagnosis.selection.posterior import kind_of
+from harness.diagnosis.selection.selection_round import random_scores
 from support.driven_car import FREE, driven
 
 NAME, PARAMETER, SIZE, MEMORY = "road_bank_varying", "bank_wander", 0.02, 10.0

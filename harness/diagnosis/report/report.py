@@ -9,14 +9,8 @@ from functools import partial
 
 from harness.diagnosis.criteria import BIC_NEEDED, ERROR_NEEDED, TRIED, WHITE
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS
-from harness.diagnosis.report import (
-    figures,
-    residual_sections,
-    study_gain,
-    summary,
-)
-from harness.diagnosis.report.figures import called
-from harness.diagnosis.report.how_likely import scaled
+from harness.diagnosis.report import probabilities, residual_sections, study_gain, summary
+from harness.diagnosis.report.probabilities import called, scaled
 from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.result.record import equation
 from harness.diagnosis.selection.acceptance import Candidate
@@ -157,7 +151,7 @@ def _rounds(outcome: Outcome) -> list[Block]:
     for number, r in enumerate(outcome.trace.rounds, 1):
         if r.candidates and max(c.bic for c in r.candidates) > 1.0:
             title = f"Gain in BIC of the best hypotheses of round {number}, over the model as it was then."
-            blocks.append(Drawing(partial(figures.ranking, r, number), title, title))
+            blocks.append(Drawing(partial(probabilities.ranking, r, number), title, title))
         fitted = [c for c in r.candidates if c.fitted is not None]
         if fitted:
             blocks.append(_fitted(fitted, r.before.log_likelihood, r.before.normalised_excess_mse, number))

@@ -6,14 +6,14 @@ from functools import partial
 
 import numpy as np
 
-from harness.diagnosis.report import residual_figures, vehicle_picture
+from harness.diagnosis.report import residual_figures
+from harness.diagnosis.residuals.dependence import regressors_of
 from harness.diagnosis.residuals.innovation_tests import LARGEST_LAG, consistency, cross_correlation
 from harness.diagnosis.residuals.localisation import Where
-from harness.diagnosis.residuals.regressors import regressors_of
 from harness.diagnosis.residuals.unmodelled import UnmodelledDisturbance
+from harness.diagnosis.result.answer import amount, entry, unmodelled_words
 from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.result.record import equation
-from harness.diagnosis.result.wording import amount, entry, unmodelled_words
 from harness.models.assembly.plan import planner
 from harness.models.quantities import words
 from harness.models.roles import VEHICLES
@@ -81,7 +81,7 @@ def from_above(outcome: Outcome) -> list[Block]:
     )
     effects = [h for h in outcome.added if h.kind == "effect"]
     added = {words(h.name.replace("@", " of ")): list(equation(h, outcome)) for h in effects}
-    draw = partial(vehicle_picture.picture, plan, found.nominal.ranked_inputs, added)
+    draw = partial(residual_figures.picture, plan, found.nominal.ranked_inputs, added)
     return [Drawing(draw, caption, "Top view of the vehicle with marks where a disturbance may act.")]
 
 

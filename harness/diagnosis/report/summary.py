@@ -9,12 +9,10 @@ from harness.diagnosis.criteria import BIC_NEEDED
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.report import study_gain
-from harness.diagnosis.report.figures import called
-from harness.diagnosis.report.how_likely import likely, scaled, size
+from harness.diagnosis.report.probabilities import called, likely, scaled, size
+from harness.diagnosis.result.answer import Value, unmodelled_words
 from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.result.study_gain import StudyGain
-from harness.diagnosis.result.value import Value
-from harness.diagnosis.result.wording import unmodelled_words
 from harness.diagnosis.selection.forward_selection import Trace
 from harness.models.quantities import listed, quantity, words
 from harness.reporting import style

@@ -24,6 +24,17 @@ from harness.diagnosis.criteria import BIC_NEEDED, PRIORS, TRIED
 from harness.diagnosis.fitting.fit import Fitted, Fitting, Point
 from harness.diagnosis.innovations.disturbance_inputs import DisturbanceInput
 from harness.diagnosis.model.augmented_model import AugmentedModel
+from harness.diagnosis.residuals.dependence import (
+    FUNCTIONS,
+    Basis,
+    Curve,
+    Proposal,
+    Regressor,
+    proposals,
+    rates,
+    regressors_of,
+    with_quick,
+)
 from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking
 from harness.diagnosis.residuals.order_analysis import (
     DistanceDomainDrive,
@@ -32,9 +43,6 @@ from harness.diagnosis.residuals.order_analysis import (
     find_periodic,
     in_distance_domain,
 )
-from harness.diagnosis.residuals.regressors import Regressor, rates, regressors_of, with_quick
-from harness.diagnosis.residuals.spline_curves import FUNCTIONS, Basis, Curve
-from harness.diagnosis.residuals.stability_selection import Proposal, proposals
 from harness.diagnosis.selection.validation import HeldOut, Judgement, simulation_error
 from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES

@@ -1,23 +1,211 @@
-"""The answer of a trace in sentences."""
+"""Verdict of a trace (the model is adequate, was amended, or lacks something), and its answer in sentences."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
 
+import numpy as np
+
+from harness.diagnosis.criteria import BIC_NEEDED, EXCESS
+from harness.diagnosis.innovations.disturbance_inputs import DisturbanceInput
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
+from harness.diagnosis.residuals.dependence import Curve
 from harness.diagnosis.residuals.localisation import Where
+from harness.diagnosis.residuals.order_analysis import PeriodicDisturbance
 from harness.diagnosis.residuals.random_process import RandomProcess
-from harness.diagnosis.result.value import Value
-from harness.diagnosis.result.verdict import Verdict, final_judgement, final_posterior
-from harness.diagnosis.result.wording import claim, unmodelled_words
+from harness.diagnosis.residuals.unmodelled import UnmodelledDisturbance
 from harness.diagnosis.selection.acceptance import beyond_belief
 from harness.diagnosis.selection.forward_selection import Trace
 from harness.diagnosis.selection.posterior import Posterior
-from harness.diagnosis.selection.validation import Judgement
+from harness.diagnosis.selection.validation import Judgement, leaves_nothing
 from harness.models.assembly.placement import split
-from harness.models.quantities import listed, print_unit, words
+from harness.models.quantities import listed, print_unit, quantity, words
+from harness.models.signals import SIGNALS
 from harness.reporting import style
+
+
+@dataclass(frozen=True)
+class Value:
+    """Value and standard error of a parameter in SI units; the error is NaN where there is none."""
+
+    name: str
+    unit: str
+    value: float
+    std: float
+
+
+Verdict = Literal["adequate", "amended", "unresolved"]
+
+
+def verdict_of(trace: Trace, found: Where, coloured: bool) -> Verdict:
+    """Return whether the model is adequate, amended, or lacks something that has no name here.
+
+    Something is still missing if the innovations of the final model on the held-out drives are coloured, whatever was
+    added: then an effect may have been mistaken for another. So it is if the simulation error there, with the
+    unmodelled disturbance if one was found, exceeds the sensor noise and what random processes may do, and either one
+    was found or the last round held a hypothesis that gained enough but was not accepted. A random process is accepted
+    where it leaves white innovations, or almost. Many wrong parameters explain nothing if one would be wrong by an
+    implausible factor. A search that was cut short has not tried everything.
+    """
+    if trace.cut_short or beyond_belief(trace.final, trace.added):
+        return "unresolved"
+    if found.random_process is not None:
+        return "amended" if found.random_process.white else "unresolved"
+    if coloured and (trace.effects or found.unmodelled is None):
+        return "unresolved"
+    if found.unmodelled is not None and final_judgement(trace, found).unexplained > EXCESS:
+        return "unresolved"
+    if found.unmodelled is None and _failed(trace) and not leaves_nothing(trace.after, trace.before):
+        return "unresolved"
+    return "amended" if trace.effects or found.unmodelled is not None else "adequate"
+
+
+def final_judgement(trace: Trace, found: Where) -> Judgement:
+    """Return the final model on the held-out drives, with the unmodelled disturbance if that lowers its error."""
+    if (
+        found.unmodelled is not None
+        and found.unmodelled.judgement.normalised_excess_mse < trace.after.normalised_excess_mse
+    ):
+        return found.unmodelled.judgement
+    return trace.after
+
+
+def final_posterior(trace: Trace, found: Where) -> Posterior | None:
+    """Return how likely each model is; what has no name, where that was found, makes it likelier that none is right."""
+    if trace.posterior is None or found.unmodelled is None:
+        return trace.posterior
+    return trace.posterior.beside(trace.final, found.unmodelled.held_out_gain)
+
+
+def strays(trace: Trace) -> bool:
+    """Whether something is left that the named effects do not explain."""
+    return not leaves_nothing(trace.after, trace.before) and (_failed(trace) or not trace.effects)
+
+
+def _failed(trace: Trace) -> bool:
+    """Whether the last round held a hypothesis that gained enough on the fitted drives but was not accepted."""
+    last = trace.rounds[-1]
+    return last.added is None and any(c.fitted is not None and c.bic >= BIC_NEEDED for c in last.candidates)
+
+
+_PURE = 0.8
+"""Share of a curve's power from which it counts as odd or even."""
+
+_SURE = 0.95
+"""Probability from which a claim is made without a word of doubt."""
+
+_LIKELY = 2 / 3
+"""Probability from which what is claimed is called probable, as the IPCC does (Mastrandrea et al. 2010)."""
+
+_CLAIMS = {
+    "lacks": ("probably lacks", "may lack"),
+    "have": ("probably have", "may have"),
+    "was wrong": ("was probably wrong", "may have been wrong"),
+    "were wrong": ("were probably wrong", "may have been wrong"),
+    "is": ("is probably", "may be"),
+}
+"""What is claimed of something probable, and of something that may as well not be so."""
+
+_FLAT = 0.3
+"""Slope at the end of a curve over its steepest one, below which it saturates."""
+
+
+def unmodelled_words(found: UnmodelledDisturbance) -> list[str]:
+    """Return what each part of an unmodelled disturbance looks like."""
+    return [*map(described, found.periodic), *map(described, found.curves)]
+
+
+def described(found: Curve | PeriodicDisturbance) -> str:
+    """Say what a disturbance looks like."""
+    return _periodic(found) if isinstance(found, PeriodicDisturbance) else _curve(found)
+
+
+def _periodic(found: PeriodicDisturbance) -> str:
+    grows = f" at {style.number(found.speed)} m/s and growing with the square of the speed" if found.growth else ""
+    size = amount(found.amplitude, found.disturbance_input)
+    return (
+        f"{entry(found.disturbance_input)}, once per {style.number(found.wavelength)} m driven, reaching {size}" + grows
+    )
+
+
+def _curve(curve: Curve) -> str:
+    """Say what a curve looks like: ``coupling moment, odd in the articulation angle, reaching 16 kN·m``."""
+    low, high = curve.basis.ends
+    reach = min(-low, high)
+    kind = "a function of"
+    if reach > 0.3 * max(-low, high):
+        grid = np.linspace(0.0, reach, 100)
+        left, right = curve.at(-grid), curve.at(grid)
+        odd, even = 0.5 * (right - left), 0.5 * (right + left)
+        total = np.sum(odd**2) + np.sum(even**2)
+        kind = "odd in" if np.sum(odd**2) > _PURE * total else "even in" if np.sum(even**2) > _PURE * total else kind
+    grid = np.linspace(low, high, 200)
+    values = curve.at(grid)
+    slopes = np.abs(np.gradient(values, grid))
+    ends = max(slopes[2], slopes[-3])
+    largest = float(np.abs(values).max())
+    verb = "saturating at" if ends < _FLAT * slopes.max() and np.argmax(slopes) not in (0, 199) else "reaching"
+    return f"{entry(curve.disturbance_input)}, {kind} the {curve.regressor.words}, {verb} " + amount(
+        largest, curve.disturbance_input
+    )
+
+
+def entry(disturbance_input: DisturbanceInput) -> str:
+    """Return an input in words."""
+    if disturbance_input.kind == "equation":
+        return f"equation of the {words(disturbance_input.ports[0])}"
+    return (
+        f"sensor of the {words(disturbance_input.name)}"
+        if disturbance_input.kind == "sensor"
+        else words(disturbance_input.name)
+    )
+
+
+def amount(value: float, disturbance_input: DisturbanceInput) -> str:
+    """Write a disturbance with its unit as reports do."""
+    unit, scale = shown(disturbance_input)
+    return style.with_unit(scale * value, unit)
+
+
+def shown(disturbance_input: DisturbanceInput) -> tuple[str, float]:
+    """Return the unit in which reports show a disturbance, and how many of it make an SI unit."""
+    if disturbance_input.kind == "equation":
+        return print_unit(disturbance_input.unit), 1.0
+    q = quantity(disturbance_input.ports[0].removeprefix("sensor_"))
+    known = SIGNALS.get(q.name)
+    return (
+        (q.unit, q.scale)
+        if known and known.unit == disturbance_input.unit
+        else (print_unit(disturbance_input.unit), 1.0)
+    )
+
+
+def in_words(probability: float) -> str:
+    """Write a probability as a number of cases: ``9 in 10``."""
+    if probability > 0.995:
+        return "more than 99 in 100"
+    if probability < 0.005:
+        return "less than 1 in 100"
+    tenths = 0.05 <= probability < 0.95
+    return f"{round(10 * probability)} in 10" if tenths else f"{round(100 * probability)} in 100"
+
+
+def claim(verb: str, probability: float | None, rest: str = "") -> str:
+    """Return a claim that is as strong as its probability, which follows it where there is doubt.
+
+    Args:
+        verb: One of ``_CLAIMS``.
+        probability: ``None`` where it is not known.
+        rest: What follows the verb.
+    """
+    if probability is None or probability >= _SURE:
+        return f"{verb} {rest}".rstrip()
+    probably, may = _CLAIMS[verb]
+    return f"{f'{probably if probability >= _LIKELY else may} {rest}'.rstrip()} ({in_words(probability)})"
+
 
 _SUREST = 3
 """Values that a sentence names of many."""

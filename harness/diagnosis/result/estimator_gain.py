@@ -1,14 +1,17 @@
 """What the amendment gains estimators: each one on the held-out drives, with the nominal and the amended model.
 
 Each output in turn is estimated without its own measurement: its variance is stated so large that the measurement has
-no weight, and the prediction of the filter is compared with what was measured.
+no weight, and the prediction of the filter is compared with what was measured. The filters are compiled before the
+first of them runs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -16,11 +19,95 @@ import xarray as xr
 from harness.common.arrays import Floats
 from harness.config import ModelSpec
 from harness.diagnosis.fitting.fit import Point
-from harness.diagnosis.result.fitted_model import fitted_model
 from harness.diagnosis.selection.forward_selection import Trace
+from harness.engine.further_processes import compile_all
 from harness.identification.data import Drive
 from harness.identification.filtered_model import Candidates
 from harness.identification.innovations import Innovations
+
+
+def fitted_model(trace: Trace, spec: ModelSpec, point: Point) -> ModelSpec:
+    """Return a model with values and variances of a point.
+
+    An effect's own states have no noise unless it is a random process, and a change begins when it does in the first
+    drive.
+    """
+    augmented, noise = trace.fitting.augmented, trace.fitting.noise([point])
+    process = dict(zip(augmented.nominal.states, map(float, noise.process[:, 0]), strict=True))
+    model = spec.model()
+    known = dict(zip(augmented.names, map(float, point.values[:, 0]), strict=True))
+    noise_of = {s: q * spec.step for s, q in model.noise.items()} | spec.process_noise | process
+    return replace(
+        spec,
+        values={n: known[n] if n in known else spec.values[n] for n in model.parameter_names},
+        process_noise={s: noise_of.get(s, 0.0) for s in model.states},
+        measurement_noise=dict(zip(model.outputs, map(float, noise.measurement[:, 0]), strict=True)),
+    )
+
+
+_LONG_ENOUGH = 100
+"""Samples of a recording; what is compiled does not depend on their number."""
+
+
+@dataclass(frozen=True)
+class EstimatorKernels:
+    """The filters of several models and estimators.
+
+    Attributes:
+        specs: Models.
+        kinds: Files in ``harness/estimation/methods``.
+        recording: Holds their signals; a few samples of it.
+    """
+
+    specs: tuple[ModelSpec, ...]
+    kinds: tuple[str, ...]
+    recording: xr.Dataset
+
+    @cached_property
+    def _filters(self) -> list[Innovations]:
+        return [Innovations(spec, kind, 1) for kind in self.kinds for spec in self.specs]
+
+    @property
+    def kernels(self) -> int:
+        """Number of filters."""
+        return len(self._filters)
+
+    @property
+    def loops(self) -> list[Any]:
+        """The compiled loops."""
+        return [filters.loop for filters in self._filters]
+
+    def warm_up(self, index: int) -> str:
+        """Compile one of them and return the name of its estimator; what cannot be compiled is told where it runs."""
+        filters = self._filters[index]
+        with suppress(Exception):
+            drive = filters.drive(self.recording, "", "joined")
+            filters.run(drive, Candidates.of(filters.spec))
+        return self.kinds[index // len(self.specs)]
+
+
+def compile_estimators(
+    specs: Sequence[ModelSpec],
+    kinds: Sequence[str],
+    recording: xr.Dataset,
+    processes: int,
+    say: Callable[[str], None],
+) -> None:
+    """Compile the filters of estimators for some models, in further processes where several are in no cache.
+
+    Args:
+        specs: The models.
+        kinds: Files in ``harness/estimation/methods``.
+        recording: Holds their signals.
+        processes: That may work at a time, this one included.
+        say: Told in words what is done.
+
+    Raises:
+        ModelError: If there is no such estimator.
+    """
+    again = partial(EstimatorKernels, tuple(specs), tuple(kinds), recording.isel(time=slice(0, _LONG_ENOUGH)).load())
+    compile_all(again(), again, lambda missing: min(processes, missing) - 1, say)
+
 
 ESTIMATORS = ("ekf", "ukf", "cdkf")
 """Estimators that are tried unless others are asked for."""

@@ -1,4 +1,7 @@
-"""A trace judged: its verdict, what was found where, and the amended model."""
+"""A trace judged: its verdict, what was found where, and the amended model.
+
+Cautions come before the answer: fits that ended at a bound, models that cannot be driven.
+"""
 
 from __future__ import annotations
 
@@ -9,22 +12,53 @@ from dataclasses import dataclass, replace
 from harness.common.failures import RAISED, Failures
 from harness.config import ModelSpec
 from harness.diagnosis.criteria import WHITE
+from harness.diagnosis.fitting.fit import Fitted
 from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.residuals.localisation import NOWHERE, Where, where
 from harness.diagnosis.residuals.random_process import RandomProcess
-from harness.diagnosis.result.answer import answer
-from harness.diagnosis.result.cautions import cautions
-from harness.diagnosis.result.estimator_gain import Estimated
-from harness.diagnosis.result.fitted_model import fitted_model
+from harness.diagnosis.result.answer import Value, Verdict, answer, final_judgement, final_posterior, strays, verdict_of
+from harness.diagnosis.result.estimator_gain import Estimated, fitted_model
 from harness.diagnosis.result.study_gain import StudyGain
-from harness.diagnosis.result.value import Value
-from harness.diagnosis.result.verdict import Verdict, final_judgement, final_posterior, strays, verdict_of
 from harness.diagnosis.selection.candidate_fits import Say
 from harness.diagnosis.selection.forward_selection import Trace
 from harness.diagnosis.selection.posterior import Posterior
 from harness.diagnosis.selection.validation import Judgement
 from harness.identification.judgement import judged_on
 from harness.identification.result import Judged
+from harness.identification.uncertainty import at_bound
+from harness.models.quantities import print_unit, words
+from harness.reporting import style
+
+
+def cautions(trace: Trace) -> tuple[str, ...]:
+    """Return the sentences."""
+    found = [*_bounds("the refitted nominal model", trace.nominal)]
+    if trace.added:
+        found += _bounds("the final model", trace.final)
+    driveable, stated = trace.fitting.driveable, trace.fitting.first().values[:, 0]
+    models = {"stated": stated, "refitted nominal": trace.nominal.point.values[:, 0]}
+    if trace.added:
+        models["final"] = trace.final.point.values[:, 0]
+    for name, values in models.items():
+        speed = driveable.unstable_from(values)
+        if math.isfinite(speed):
+            text = style.with_unit(speed, "m/s")
+            found.append(f"The {name} model is unstable straight ahead at {text}, which was driven.")
+    return tuple(dict.fromkeys(found))
+
+
+def _bounds(what: str, fitted: Fitted) -> list[str]:
+    found = []
+    for c in fitted.coordinates:
+        value = fitted.point.value(c)
+        if c.drives or not (side := at_bound(c.coordinate(value), c.lower, c.upper)):
+            continue
+        which, unit = "lower" if side < 0 else "upper", print_unit(c.unit)
+        found.append(
+            f"The fit of {what} ends at the {which} bound of the {words(c.name)}, {style.with_unit(value, unit)}; the "
+            "true value may lie beyond it, or something else is wrong."
+        )
+    return found
 
 
 @dataclass(frozen=True)

@@ -15,13 +15,13 @@ from harness.diagnosis.criteria import HORIZONS, MASS
 from harness.diagnosis.innovations.disturbance_inputs import place_of
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
+from harness.diagnosis.residuals.dependence import DEGREE, Curve
 from harness.diagnosis.residuals.localisation import Where
 from harness.diagnosis.residuals.order_analysis import PeriodicDisturbance
-from harness.diagnosis.residuals.spline_curves import DEGREE, Curve
 from harness.diagnosis.residuals.unmodelled import UnmodelledDisturbance
+from harness.diagnosis.result.answer import described
 from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.result.study_gain import StudyGain
-from harness.diagnosis.result.wording import described
 from harness.diagnosis.selection.acceptance import Candidate, Round
 from harness.diagnosis.selection.posterior import Model, Posterior
 from harness.diagnosis.selection.validation import Judgement

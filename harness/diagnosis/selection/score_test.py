@@ -22,8 +22,7 @@ from harness.common.arrays import Floats
 from harness.diagnosis.fitting.fit import Fitted, Fitting, Point, in_rows
 from harness.diagnosis.innovations.innovation_model import Linearisation
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
-from harness.diagnosis.selection.change_times import Choices, choices, join
-from harness.diagnosis.selection.step_responses import Change, Columns, Onsets
+from harness.diagnosis.selection.change_times import Change, Choices, Columns, Onsets, choices, join
 from harness.identification.uncertainty import covariance_of
 
 _ROUNDED = 1e-4
