@@ -35,9 +35,8 @@ from harness.identification.contract import Problem, load_method, settings_of
 from harness.identification.data import Drive
 from harness.identification.filtered_model import Candidates
 from harness.identification.innovations import Innovations
-from harness.identification.judgement import judged_on
 from harness.identification.measured_file import MeasuredFile, MeasuredStudy, names_of
-from harness.identification.result import judge, write_outcome
+from harness.identification.result import judge, judged_on, write_outcome
 from harness.recordings.check.axle_curves import GRAVITY, Axle, Slope, axles_of
 from harness.reporting.document import write
 from reproductions.measured_car_report import Identified, document

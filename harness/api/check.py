@@ -54,7 +54,7 @@ def check(
     import pandas as pd
     import xarray as xr
 
-    from harness.identification.map_trial import NominalFit
+    from harness.identification.fit_recordings import NominalFit
     from harness.recordings.check.run import check_recording, check_tables, with_axles
     from harness.recordings.read.channel_map import map_content
     from harness.recordings.read.in_memory import tables_of

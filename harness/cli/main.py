@@ -312,7 +312,7 @@ def check(
 
     What does the file hold, where are its gaps, and do its signals agree with each other?
     """
-    from harness.identification.map_trial import NominalFit
+    from harness.identification.fit_recordings import NominalFit
     from harness.recordings.check.check_report import print_findings, write_check
     from harness.recordings.check.run import check_recording
 

@@ -20,8 +20,8 @@ from harness.diagnosis.result.study_gain import REPEATS
 from harness.diagnosis.run import Task, run_changes, run_trace
 from harness.diagnosis.study_file import LoopStudy
 from harness.identification.filtered_model import Candidates
-from harness.identification.judgement import judged_on
 from harness.identification.report import spans_sheet
+from harness.identification.result import judged_on
 from harness.models.quantities import quantity
 from harness.reporting import style
 from harness.reporting.document import Block, Prose, Section, Sheet, plain, write

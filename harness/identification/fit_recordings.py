@@ -1,4 +1,4 @@
-"""Recordings in, parameters and report out: what ``harness identify`` and ``harness.identify`` share."""
+"""Recordings in, parameters and report out: what commands and the Python interface share."""
 
 from __future__ import annotations
 
@@ -9,20 +9,24 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.failures import Failures
 from harness.common.files import write_files
 from harness.common.registry import closest
 from harness.config import ModelSpec
+from harness.config.model_choice import complete
+from harness.config.parameter_set import load_set
 from harness.identification.contract import Fit, Problem, load_method, settings_of
-from harness.identification.data import Drive, refuse_the_same
+from harness.identification.data import Drive, refuse_the_same, steered, step_of
+from harness.identification.free_run import blocks
 from harness.identification.innovations import Innovations
-from harness.identification.measured_file import names_of, refuse_repeated
-from harness.identification.over_time import FILE, series_of
+from harness.identification.measured_file import finely, fitted_parameters, names_of, refuse_repeated
 from harness.identification.report import document
-from harness.identification.result import Judged, answer, judge, write_outcome
+from harness.identification.result import FILE, Judged, answer, judge, series_of, write_outcome
 from harness.recordings.check.examine import recording_warnings
 from harness.reporting.document import Prose, plain, write
 
@@ -140,3 +144,57 @@ def write_fit(found: Fitted, folder: Path, command: str) -> list[Path]:
             failures=failures,
         ),
     ]
+
+
+_LONGEST = 300.0
+"""s; the middle of a longer recording is fitted."""
+
+_SETTINGS = {"iterations": 15, "annealings": 0, "profiles": False}
+_GEARED = ("steering_ratio",)
+"""Fitted beside the stiffnesses where the model has it: a wrong map is seen in it first."""
+
+
+class NominalFit:
+    """Error of the model of a parameter set on a recording, fitted to it.
+
+    Args:
+        parameters: Parameter set or path of a parameter file, which names vehicle, tyre and effects.
+
+    Raises:
+        UserError: If there is no such file, or anything in it is wrong.
+        ModelError: If there is no such set.
+    """
+
+    def __init__(self, parameters: str) -> None:
+        self.parameters = parameters
+        self._vehicle = load_set(parameters, Path(), "--parameters").vehicle
+
+    def __call__(self, recording: xr.Dataset) -> Floats:
+        """Fit stiffnesses and steering ratio, and return the squared error of the free run in each block ``(blocks,)``.
+
+        It is the mean over the outputs, each over its variance in the recording; infinite where the free run leaves
+        the range in which the equations hold.
+
+        Args:
+            recording: As ``load_recording`` returns it.
+
+        Raises:
+            UserError: If the model cannot run over the recording, or nothing that it measures is recorded.
+        """
+        step, samples = step_of(recording), recording.sizes["time"]
+        spare = max(samples - int(_LONGEST / step), 0) // 2
+        part = recording.isel(time=slice(spare, samples - spare))
+        part = part.assign_coords(time=part["time"] - part["time"][0]).assign_attrs(name="the recording")
+        table, _ = complete({"vehicle": self._vehicle, "parameters": self.parameters}, [part])
+        spec = finely(table, step, f"--parameters {self.parameters}")
+        names = spec.model().parameter_names
+        free = (*fitted_parameters(spec, [], "free"), *(n for n in _GEARED if n in names))
+        fitted = fit_recordings(Task(spec, [steered(part, spec.values)], free, settings=_SETTINGS))
+        (judged,) = fitted.judged
+        drive = judged.drive
+        with np.errstate(invalid="ignore", divide="ignore"):
+            error = (drive.measurements - judged.after.simulated) ** 2 / np.nanvar(drive.measurements, axis=0)
+        if not judged.after.stays:
+            return np.full(blocks(drive), np.inf)
+        each = [p[np.isfinite(p)] for p in np.array_split(error, blocks(drive))]
+        return np.array([p.mean() if p.size else np.nan for p in each])

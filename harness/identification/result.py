@@ -1,4 +1,4 @@
-"""A fit judged on recordings, and the files that keep it: the parameter set and ``identify.json``."""
+"""A fit judged on recordings, and the files that keep it: parameter set, ``identify.json``, drives over time."""
 
 from __future__ import annotations
 
@@ -13,15 +13,84 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.common.files import write_files
+from harness.common.series import packed
 from harness.config.parameter_set import set_text
 from harness.identification.contract import Estimate, Fit, Problem
 from harness.identification.data import Drive
-from harness.identification.filtered_model import Candidates
-from harness.identification.free_run import blocks
-from harness.identification.judgement import DriveJudgement, judged_on
-from harness.identification.whiteness import Whiteness
+from harness.identification.filtered_model import Candidates, Each, FilteredModel, FilterRun, for_each
+from harness.identification.free_run import blocks, found_start
+from harness.identification.whiteness import Whiteness, whiteness
+from harness.models.assembly.model import Model
 from harness.models.quantities import listed, words
 from harness.models.signals import SIGNALS
+
+
+@dataclass(frozen=True)
+class DriveJudgement:
+    """One model on one recording.
+
+    Attributes:
+        drive: The recording.
+        simulated: Outputs of the free run over the inputs ``(samples, ny)``; NaN in the first block, behind which it
+            begins in the state of the filter, and from where it left the range in which the equations hold.
+        simulation_error: Root mean square of measurement minus that ``(ny,)``.
+        one_step_error: Root mean square of the innovations ``(ny,)``.
+        log_likelihood: Of the recording.
+        whiteness: Of each output's whitened innovations.
+    """
+
+    drive: Drive
+    simulated: Floats
+    simulation_error: Floats
+    one_step_error: Floats
+    log_likelihood: float
+    whiteness: tuple[Whiteness, ...]
+
+    @property
+    def stays(self) -> bool:
+        """Whether the free run stays in the range in which the equations hold."""
+        return stays(self.simulated)
+
+
+def stays(simulated: Floats) -> bool:
+    """Whether a free run ``(samples, ny)`` stays in the range in which the equations hold."""
+    return bool(np.isfinite(simulated[-1]).all())
+
+
+def judged_on(model: FilteredModel, drives: Sequence[Drive], points: Each) -> tuple[DriveJudgement, ...]:
+    """Judge a model on every recording.
+
+    Args:
+        model: The filter.
+        drives: The recordings.
+        points: One candidate, or one for each recording.
+    """
+    each = for_each(points, drives)
+    runs = model.runs(drives, each)
+
+    def of_drive(i: int) -> DriveJudgement:
+        start = found_start(model.model, drives[i], runs[i].state)
+        return _judged(drives[i], model.free_run(drives[i], each[i].values[:, 0], start).outputs, runs[i])
+
+    return tuple(model.share(of_drive, range(len(drives))))
+
+
+def _judged(drive: Drive, simulated: Floats, run: FilterRun) -> DriveJudgement:
+    return DriveJudgement(
+        drive,
+        simulated,
+        rms(drive.measurements - simulated),
+        rms(run.innovation),
+        run.log_likelihood,
+        tuple(whiteness(column) for column in run.whitened[1:].T),
+    )
+
+
+def rms(errors: Floats) -> Floats:
+    """Return the root mean square of each column; NaN only where nothing is left."""
+    count = np.isfinite(errors).sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(np.sqrt(np.nansum(errors**2, axis=0) / count))
 
 
 @dataclass(frozen=True)
@@ -244,3 +313,50 @@ def write_outcome(folder: Path, fit: Fit, judged: list[Judged], source: str) -> 
         "identify.json": json.dumps(record(fit, judged), indent=2) + "\n",
     }
     return write_files(folder, contents)
+
+
+FILE = "drives.npz"
+"""Beside ``identify.json`` and ``trace.json``; ``harness.common.series`` reads it."""
+
+MEASURED, BEFORE, AFTER = "measured", "before", "after"
+"""Before the name of an output: as measured, and as the model before and after simulates it over the inputs."""
+
+
+def series_of(judged: Sequence[Judged], model: Model) -> bytes:
+    """Return ``drives.npz``: of each recording ``time``, each output as measured, before and after, ``x`` and ``y``.
+
+    The path is dead reckoning by the recorded speed and yaw rate, in m from the start, and is there where both are.
+
+    Args:
+        judged: The recordings, each judged before and after.
+        model: Whose inputs and outputs they have.
+    """
+    found = {}
+    for j in judged:
+        columns = {"time": j.drive.time}
+        for a, name in enumerate(model.outputs):
+            columns[f"{MEASURED} {name}"] = j.drive.measurements[:, a]
+            columns[f"{BEFORE} {name}"], columns[f"{AFTER} {name}"] = j.free[:, :, a]
+        found[j.drive.name] = columns | _path(j.drive, model)
+    return packed(found)
+
+
+def _path(drive: Drive, model: Model) -> dict[str, Floats]:
+    known = {name: drive.inputs[:, i] for i, name in enumerate(model.inputs)}
+    known |= {name: drive.measurements[:, i] for i, name in enumerate(model.outputs)}
+    speed = next((known[n] for n in ("speed", "longitudinal_velocity") if n in known), None)
+    rate = next((v for n, v in known.items() if n.startswith("yaw_rate")), None)
+    if speed is None or rate is None:
+        return {}
+    speed, rate = _filled(speed), _filled(rate)
+    if speed is None or rate is None:
+        return {}
+    step = np.diff(drive.time, prepend=drive.time[0])
+    heading = np.cumsum(rate * step)
+    return {"x": np.cumsum(speed * np.cos(heading) * step), "y": np.cumsum(speed * np.sin(heading) * step)}
+
+
+def _filled(values: Floats) -> Floats | None:
+    """Return values with gaps bridged by lines; ``None`` where there is nothing."""
+    there = np.flatnonzero(np.isfinite(values))
+    return np.interp(np.arange(len(values)), there, values[there]) if there.size else None

@@ -1,13 +1,27 @@
-"""Is what a filter left unexplained white? Ljung-Box test and cumulative periodogram of whitened innovations."""
+"""Whiteness of innovations: tests of it, and by how much coloured innovations can move estimates.
+
+The innovations of a right model are white, and the inverse of the Fisher information is the covariance of the
+estimates. Otherwise it is ``I^-1 J I^-1`` (White 1982), ``J`` the long-run variance of the scores, here from their sums
+over blocks that count as independent. What a model lacks moves the estimates as well: the process noise that takes it
+up passes through the same parameters. A fit without process noise is consistent whatever the colour of what is missing,
+if that does not depend on the inputs (Ljung 1999, 8.4); by how much it differs says what the colour does to the values
+(Hausman 1978).
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
+from scipy.stats import chi2
 
 from harness.common.arrays import Floats
+from harness.identification.data import Drive
+from harness.identification.filtered_model import FilterRun
+from harness.identification.free_run import blocks
+from harness.identification.uncertainty import NORMAL, Colour, Summit, covariance_of
 
 LAGS = 20
 """Lags of the Ljung-Box test."""
@@ -83,3 +97,75 @@ def whiteness(series: Floats) -> Whiteness:
         cumulative=cumulative,
         band=float(stats.kstwobign.ppf(0.95) / np.sqrt(count - 1)),
     )
+
+
+_LITTLE = 1.5
+"""Factor on the variance of an estimate below which the colour of the innovations does not matter."""
+
+_SURE = 0.99
+"""Share of fits with white innovations whose sums over blocks vary less than what counts as more."""
+
+
+def coloured_outputs(runs: Sequence[FilterRun], outputs: Sequence[str]) -> tuple[str, ...]:
+    """Return the outputs whose whitened innovations are coloured on some recording, whatever that does."""
+    columns = zip(*(run.whitened[1:].T for run in runs), strict=True)
+    return tuple(
+        name for name, drives in zip(outputs, columns, strict=True) if not all(is_white(whiteness(c)) for c in drives)
+    )
+
+
+def block_sums(scores: Sequence[Floats], drives: Sequence[Drive]) -> Floats:
+    """Return the sums of the scores of each drive ``(samples, n)`` over its blocks ``(blocks, n)``."""
+    parts = (part for s, d in zip(scores, drives, strict=True) for part in np.array_split(s, blocks(d)))
+    return np.array([part.sum(axis=0) for part in parts])
+
+
+def robust_errors(summit: Summit, sums: Floats) -> Floats:
+    """Return the standard error of each coordinate whatever the colour of the innovations ``(n,)``.
+
+    NaN where one is at its bound or the recordings say nothing of it.
+
+    Args:
+        summit: Where the likelihood is largest.
+        sums: From ``block_sums``.
+    """
+    known = np.isfinite(summit.knowledge.error)
+    inverse = covariance_of(summit.information[np.ix_(known, known)]).matrix
+    spread = sums[:, known].T @ sums[:, known] + np.diag(summit.space.weight[known])
+    found = np.full(len(known), np.nan)
+    found[known] = np.sqrt(np.diagonal(inverse @ spread @ inverse))
+    return found
+
+
+def factors(summit: Summit, sums: Floats) -> Floats | None:
+    """Return by which factor the colour widens each standard error ``(n,)``; ``None`` if none of a parameter by enough.
+
+    Args:
+        summit: Where the likelihood is largest.
+        sums: From ``block_sums``.
+    """
+    ratio = robust_errors(summit, sums) / summit.knowledge.error
+    enough = max(_LITTLE, chi2.ppf(_SURE, len(sums)) / len(sums))
+    if not (ratio[summit.space.kind("parameter")] ** 2 > enough).any():
+        return None
+    return np.fmax(ratio, 1.0)
+
+
+def colour_of(
+    outputs: tuple[str, ...], factor: Floats, summit: Summit, silent: Summit | None = None, sums: Floats | None = None
+) -> Colour:
+    """Return what the colour does to each coordinate of a fit.
+
+    Args:
+        outputs: Whose innovations are coloured.
+        factor: From ``factors``.
+        summit: The fit.
+        silent: The fit without process noise, if there is one.
+        sums: Of that, from ``block_sums``.
+    """
+    lower, upper = np.full((2, len(factor)), np.nan)
+    if silent is not None and sums is not None:
+        half = NORMAL * np.nan_to_num(robust_errors(silent, sums))  # at a bound it is the value
+        own, others = summit.space.kind("parameter"), silent.space.kind("parameter")
+        lower[own], upper[own] = (silent.z - half)[others], (silent.z + half)[others]
+    return Colour(outputs, factor, lower, upper)

@@ -13,8 +13,8 @@ from harness.diagnosis.result.outcome import cautions
 from harness.diagnosis.selection.candidate_fits import CandidateFits
 from harness.diagnosis.selection.forward_selection import Trace, first_variances
 from harness.diagnosis.selection.validation import HeldOut, simulation_error
-from harness.identification.driveable import Driveable
 from harness.identification.fisher_scoring import Maximum
+from harness.identification.objective import Driveable
 from support.driven_car import FREE, driven
 
 FRONT, REAR = 7e4, 1.2e5

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from harness.identification.colour import robust_errors
 from harness.identification.contract import Problem
 from harness.identification.innovations import Innovations
 from harness.identification.methods.likelihood import Search, Settings, identify
 from harness.identification.result import answer, record
+from harness.identification.whiteness import robust_errors
 from support.identification import CAR, model_of, recorded
 
 FREE = ("stiffness_over_load_front", "stiffness_over_load_rear", "mass_over_inertia")

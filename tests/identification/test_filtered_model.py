@@ -9,8 +9,8 @@ from harness.identification.coordinates import Coordinates, parameter_coordinate
 from harness.identification.filtered_model import Candidates, FilteredModel
 from harness.identification.free_run import FEWEST, Start
 from harness.identification.innovations import Innovations
-from harness.identification.judgement import judged_on
 from harness.identification.objective import LogPosterior
+from harness.identification.result import judged_on
 from harness.identification.uncertainty import covariance_of
 from support.identification import CAR, TRUCK, car_fit, model_of, recorded
 

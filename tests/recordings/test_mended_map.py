@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import harness as h
-from harness.identification.map_trial import NominalFit
+from harness.identification.fit_recordings import NominalFit
 from harness.recordings.check.causes import DELAY, SIGN, Fault
 from harness.recordings.check.examine import Finding, examine
 from harness.recordings.check.remedy import mended, spoils

@@ -34,10 +34,9 @@ from harness.identification.coordinates import (
     process_coordinates,
 )
 from harness.identification.data import Drive
-from harness.identification.driveable import Driveable
 from harness.identification.filtered_model import Candidates, FilterRun
 from harness.identification.fisher_scoring import Maximum, maximise
-from harness.identification.objective import LogPosterior
+from harness.identification.objective import Driveable, LogPosterior
 from harness.identification.signal_noise import signal_noise
 from harness.identification.uncertainty import covariance_of
 

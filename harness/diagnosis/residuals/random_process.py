@@ -35,8 +35,8 @@ from harness.identification.data import Drive
 from harness.identification.filtered_model import Candidates
 from harness.identification.fisher_scoring import maximise
 from harness.identification.innovations import Innovations
-from harness.identification.judgement import DriveJudgement, judged_on
 from harness.identification.objective import LogPosterior
+from harness.identification.result import DriveJudgement, judged_on
 from harness.identification.signal_noise import signal_noise
 from harness.identification.uncertainty import covariance_of
 from harness.models.assembly.candidates import assembled, placements

@@ -23,8 +23,7 @@ from harness.diagnosis.selection.candidate_fits import Say
 from harness.diagnosis.selection.forward_selection import Trace
 from harness.diagnosis.selection.posterior import Posterior
 from harness.diagnosis.selection.validation import Judgement
-from harness.identification.judgement import judged_on
-from harness.identification.result import Judged
+from harness.identification.result import Judged, judged_on
 from harness.identification.uncertainty import at_bound
 from harness.models.quantities import print_unit, words
 from harness.reporting import style

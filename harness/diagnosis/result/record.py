@@ -25,7 +25,7 @@ from harness.diagnosis.result.study_gain import StudyGain
 from harness.diagnosis.selection.acceptance import Candidate, Round
 from harness.diagnosis.selection.posterior import Model, Posterior
 from harness.diagnosis.selection.validation import Judgement
-from harness.identification.over_time import FILE, series_of
+from harness.identification.result import FILE, series_of
 from harness.models.assembly.placement import load_effect, ports_of, split
 from harness.models.assembly.plan import Plan, planner
 from harness.models.roles import VEHICLES

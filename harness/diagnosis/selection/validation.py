@@ -15,7 +15,7 @@ from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import Hypothesis, coordinates
 from harness.diagnosis.selection.score_test import ScoreTest
 from harness.identification.data import Drive
-from harness.identification.judgement import DriveJudgement, judged_on, stays
+from harness.identification.result import DriveJudgement, judged_on, stays
 
 
 @dataclass(frozen=True)

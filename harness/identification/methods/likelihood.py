@@ -21,14 +21,13 @@ from scipy.stats import qmc
 from harness.common.arrays import Floats, Mask
 from harness.common.errors import UserError
 from harness.engine.simd.lanes import LANES
-from harness.identification.colour import block_sums, colour_of, coloured_outputs, factors
 from harness.identification.contract import Fit, Problem
 from harness.identification.coordinates import Coordinates
-from harness.identification.driveable import Driveable
 from harness.identification.fisher_scoring import Maximum, maximise
-from harness.identification.objective import LogPosterior
+from harness.identification.objective import Driveable, LogPosterior
 from harness.identification.signal_noise import signal_noise, white_noise
 from harness.identification.uncertainty import Colour, Summit, estimates_of, limits_of_knowledge
+from harness.identification.whiteness import block_sums, colour_of, coloured_outputs, factors
 
 _ROUGH = 5
 """Iterations of a stage that only prepares the next one."""
