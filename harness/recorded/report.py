@@ -13,8 +13,7 @@ import xarray as xr
 from harness.models.quantities import listed, quantity, words
 from harness.recorded import figures
 from harness.recorded.run import inputs_in_words
-from harness.recorded.summary import Summary, references_of, signals_of
-from harness.recorded.verdict import is_coloured, verdicts
+from harness.recorded.summary import Summary, is_coloured, references_of, signals_of, verdicts
 from harness.reporting import style
 from harness.reporting.document import (
     Block,

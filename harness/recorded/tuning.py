@@ -36,8 +36,8 @@ from harness.identification.signal_noise import white_noise
 from harness.identification.uncertainty import NORMAL, Summit, estimates_of, limits_of_knowledge
 from harness.models.quantities import words
 from harness.models.signals import SIGNALS
-from harness.recorded.consistency import Consistency, consistency
 from harness.recorded.run import RecordedModel, name_of
+from harness.recorded.summary import Consistency, consistency
 
 By = Literal["state", "unit"]
 

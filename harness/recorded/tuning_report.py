@@ -13,10 +13,9 @@ from harness.common.arrays import Floats
 from harness.common.files import json_text, write_files
 from harness.config.parameter_set import set_text
 from harness.models.quantities import listed, quantity, words
-from harness.recorded.consistency import Consistency
 from harness.recorded.run import SMOOTHED
+from harness.recorded.summary import Consistency, is_coloured
 from harness.recorded.tuning import NoiseTuning, Variance
-from harness.recorded.verdict import is_coloured
 from harness.reporting import style
 from harness.reporting.document import (
     Block,

@@ -8,8 +8,7 @@ import pytest
 from harness.identification.whiteness import is_white, whiteness
 from harness.models.signals import TRUTH
 from harness.recorded.run import RecordedEstimator, RecordedModel
-from harness.recorded.summary import summary
-from harness.recorded.verdict import is_coloured, is_large, verdict
+from harness.recorded.summary import is_coloured, is_large, summary, verdict
 from support.identification import CAR, model_of, recorded
 
 NAME = "lateral_velocity_rear"
