@@ -27,9 +27,9 @@ from harness.engine.standard_normal import upper_half
 from harness.estimation.contract import Sums, kernels_of, load_estimator
 from harness.runner.scores import SCORES
 from harness.runner.simulation_loop import SIMULATION
+from harness.study.compiled_study import parameter_truth
 from harness.study.design import RunParameters, Unit
 from harness.study.evaluate import InBatches, StudyEvaluator, in_a_row
-from harness.study.parameter_truth import parameter_truth
 from harness.study.run_noise import Cases
 
 DEVICE = "cuda"

@@ -1,21 +1,55 @@
-"""A study ready to run: its models and estimators compiled, its drives built."""
+"""A study ready to run: its models and estimators compiled, its drives built, and what its runs are compared with."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from harness.common.arrays import Floats
-from harness.common.errors import UserError
+from harness.common.errors import ModelError, UserError
 from harness.config import ModelSpec, Study
+from harness.config.bounds import loading
 from harness.engine.compile import CompiledModel, compile_model
-from harness.estimation.contract import Estimator
+from harness.estimation.contract import Estimator, Scores
 from harness.models.assembly.assemble import Model
+from harness.models.assembly.parameter_states import true_states
 from harness.models.contracts import DRIVE_INPUTS, Profile
-from harness.simulation.drives import profile_of
+from harness.models.drives._shapes import lateral_acceleration
+from harness.models.quantities import listed
+from harness.simulation.drives import context_of, profile_of
 from harness.simulation.simulate import Batch, Simulator, in_lanes, input_table
-from harness.study.parameter_truth import truth_names
+from harness.study.design import RunParameters
+
+
+def truth_names(belief: ModelSpec) -> tuple[str, ...]:
+    """Return what ``parameter_truth`` gives: states of parameters, then parameters and what follows from them."""
+    model = belief.model()
+    return (*model.within, *model.estimated)
+
+
+def parameter_truth(plant: ModelSpec, belief: ModelSpec, driven: RunParameters, believed: RunParameters) -> Floats:
+    """Return the plant's parameters as the belief has them among its states, ``(len(truth_names), runs)``.
+
+    NaN where the plant has no such parameter.
+    """
+    names, model = truth_names(belief), belief.model()
+    found = np.full((len(names), len(driven.values)), np.nan)
+    for run, (true, held) in enumerate(zip(driven.values, believed.values, strict=True)):
+        of_plant, of_belief = _all(plant, true), _all(belief, held)
+        known = of_plant | true_states(belief.parameter_states, of_plant, of_belief)
+        found[:, run] = [known.get(name, np.nan) for name in (*model.within, *model.estimated)]
+    return found
+
+
+def _all(spec: ModelSpec, row: Floats) -> dict[str, float]:
+    """Return parameters and, where there is one, the load that belongs to them."""
+    values = dict(zip(spec.model().parameter_names, map(float, row), strict=True))
+    try:
+        return values | loading(spec.vehicle, values)
+    except ModelError:  # lighter than without a load
+        return values
 
 
 @dataclass(frozen=True)
@@ -132,3 +166,71 @@ def supplied_inputs(plant: Model, belief: Model) -> tuple[str, ...]:
 
 def _compile(spec: ModelSpec, signals: tuple[str, ...]) -> CompiledModel:
     return compile_model(spec.model(), spec.step, spec.integrator, spec.substeps, signals)
+
+
+GRAVITY = 9.81
+FRICTION = "friction"
+"""Parameter of a vehicle that is the largest friction of its tyres."""
+
+_OF_THE_PLANT = {(FRICTION, "plant"), (FRICTION, "both")}
+
+
+def asked_too_much(study: Study, compiled: CompiledStudy) -> list[str]:
+    """Return a sentence for each drive that asks for more than there is somewhere in the designs.
+
+    A drive asks for the lateral acceleration of a vehicle that follows its wheels; friction times gravity is the most
+    that tyres of equal friction give it. Nothing of a plant without such a parameter.
+    """
+    own = study.plant.values.get(FRICTION)
+    if own is None:
+        return []
+    least = {
+        design.name: min([min(f.lower) for f in design.factors if (f.parameter, f.of) in _OF_THE_PLANT] or [own])
+        for design in study.designs
+    }
+    sentences = []
+    for spec, drive in zip(study.drives, compiled.drives, strict=True):
+        asked = float(np.abs(lateral_acceleration(drive.profile, context_of(study.plant, spec))).max())
+        short = [f"{mu * GRAVITY:.2g} m/s^2 in design '{name}'" for name, mu in least.items() if mu * GRAVITY < asked]
+        if short:
+            sentences.append(
+                f"drive '{spec.name}' asks for {asked:.2g} m/s^2 of lateral acceleration, more than friction gives: "
+                f"{listed(short)}; runs in which the vehicle goes out of control are counted for no estimator"
+            )
+    return sentences
+
+
+class ErrorWindows:
+    """The windows in which a study wants errors kept over time.
+
+    Args:
+        study: The study.
+        compiled: Its models and drives.
+    """
+
+    def __init__(self, study: Study, compiled: CompiledStudy) -> None:
+        self._study, self._wanted = study, study.over_time
+        self._samples = [len(drive.profile.time) for drive in compiled.drives]
+        self._rows = [compiled.truth_names.index(name) for name in study.targets] if self._wanted else []
+
+    def count(self, design: int, drive: int) -> int | None:
+        """Return the number of windows of a drive in a design; ``None`` where nobody asked for them."""
+        wanted, study = self._wanted, self._study
+        if wanted is None or (study.designs[design].name, study.drives[drive].name) != (wanted.design, wanted.drive):
+            return None
+        return max(1, self._samples[drive] // self._length)
+
+    @property
+    def _length(self) -> int:
+        """Samples of a window."""
+        assert self._wanted is not None
+        return max(1, round(self._wanted.window / self._study.plant.step))
+
+    def rmse(self, batch: Batch, scores: Scores, windows: int) -> NDArray[np.float32]:
+        """Return the RMSE of each target by window ``(LANES, targets, windows)``; NaN from a divergence on."""
+        assert scores.kept is not None
+        error = scores.kept[:, 0, : len(self._rows)] - batch.truth[:, self._rows]
+        ended = np.arange(len(error))[:, None] >= np.minimum(scores.diverged_at, batch.left_at)
+        error = np.where(ended[:, None], np.nan, error)[: windows * self._length]
+        squares = np.square(error).reshape(windows, -1, *error.shape[1:])
+        return np.sqrt(squares.mean(axis=1)).transpose(2, 1, 0).astype(np.float32)

@@ -18,11 +18,9 @@ from harness.engine.simd.lanes import LANES
 from harness.engine.standard_normal import standard_normal
 from harness.estimation.contract import Scores, Sums, UncertainInputs
 from harness.simulation.simulate import Batch, Simulator, first_state
-from harness.study.compiled_study import CompiledStudy
+from harness.study.compiled_study import CompiledStudy, ErrorWindows, parameter_truth
 from harness.study.design import RunParameters, Unit, points, run_parameters, scale_noise
-from harness.study.error_windows import ErrorWindows
 from harness.study.noisy_inputs import NoisyInputs
-from harness.study.parameter_truth import parameter_truth
 from harness.study.run_noise import Case, Cases, RunNoise, in_whole_batches
 from harness.study.scores import (
     ESTIMATOR_DIVERGED,

@@ -2,8 +2,8 @@
 
 Units run in threads, because the kernels release the GIL, or on the workers of a cluster (``harness.study.cluster``).
 Whoever evaluates a unit writes its scores, each unit to chunks of its own, so neither the number of workers nor an
-interruption changes a bit of the store. Models are built, and what builds them is imported, when the first unit needs
-them: a finished study does not.
+interruption changes a bit of the store. Kernels are compiled before the first unit, in further processes where several
+are missing. Models are built when the first unit needs them: a finished study does not.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import joblib
 from rich.console import Console
@@ -39,18 +39,55 @@ from harness.common.places import reached
 from harness.common.process import peak_memory_mib
 from harness.config import Study
 from harness.config.specs import Device
+from harness.engine.further_processes import Compiles, compile_all
 from harness.study import devices, run_file
 from harness.study.checksums import described
-from harness.study.compiling import compile_kernels
 from harness.study.design import Unit, planned_runs, units
+from harness.study.devices import device
+from harness.study.evaluate import StudyEvaluator
 from harness.study.sealed_root import is_there
 from harness.study.store import STORE, Store, discard
 
 if TYPE_CHECKING:
     from distributed import Client
 
-    from harness.study.evaluate import StudyEvaluator
     from harness.study.plan import Plan
+
+_WORTH = 3
+"""Missing kernels for each further process: its start takes as long as the compilation of one.
+
+On a card a kernel takes several times as long, so each is worth a process.
+"""
+
+
+class CompilesStudy(Compiles, Protocol):
+    """What kernels are compiled of: ``StudyEvaluator``, or that of a device."""
+
+    @property
+    def study(self) -> Study:
+        """The study."""
+
+
+def compile_kernels(evaluator: CompilesStudy, processes: int, say: Callable[[str], None]) -> None:
+    """Compile the kernels of a study, or load them from the cache.
+
+    Args:
+        evaluator: The study.
+        processes: That may work at a time, this one included.
+        say: Told in words what is done.
+    """
+    study = evaluator.study
+
+    def further(missing: int) -> int:
+        return min(processes - 1, missing // _WORTH if study.device == "cpu" else missing - 1)
+
+    compile_all(evaluator, partial(_evaluator, study), further, say)
+
+
+def _evaluator(study: Study) -> Compiles:
+    evaluator = StudyEvaluator(study)
+    return evaluator if study.device == "cpu" else device(study.device).evaluator(evaluator)
+
 
 _FULL = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
 
@@ -137,8 +174,6 @@ def _run(
 
     @cache
     def evaluator() -> StudyEvaluator:
-        from harness.study.evaluate import StudyEvaluator
-
         with console.status("building models and drives"):
             return StudyEvaluator(study)
 
@@ -158,7 +193,7 @@ def _run(
             from harness.study import cluster
 
             cluster.check_workers(client, study, out, console)
-        from harness.study.grip import asked_too_much
+        from harness.study.compiled_study import asked_too_much
 
         for sentence in asked_too_much(study, evaluator().compiled):
             _say(console, sentence, "yellow")

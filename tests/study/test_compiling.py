@@ -12,7 +12,7 @@ from harness.engine import further_processes
 from harness.engine.compile import is_on_disk
 from harness.models.parameters import kit_2015a
 from harness.models.vehicles import scalar_example
-from harness.study import compiling
+from harness.study import run as study_run
 from harness.study.evaluate import StudyEvaluator
 
 
@@ -20,7 +20,7 @@ from harness.study.evaluate import StudyEvaluator
 def cold(tmp_path, monkeypatch):
     """Give evaluators of a small study of a vehicle that nobody else has, whose kernels begin in no cache."""
     monkeypatch.setenv("HARNESS_CACHE", str(tmp_path))
-    monkeypatch.setattr(compiling, "_WORTH", 1)
+    monkeypatch.setattr(study_run, "_WORTH", 1)
     name = f"scalar_{hashlib.sha256(str(tmp_path).encode()).hexdigest()[:8]}"
     for role, module in (("vehicles", scalar_example), ("parameters", kit_2015a)):
         file = tmp_path / f"{name}.{role}.py"
@@ -50,7 +50,7 @@ def test_a_further_process_compiles_from_the_far_end_and_this_one_loads_it(cold,
             time.sleep(0.1)
         said.append(words)
 
-    compiling.compile_kernels(evaluator, 2, wait_for_the_last)
+    study_run.compile_kernels(evaluator, 2, wait_for_the_last)
     assert said[0] == "compiled simulation; 3 to go"
     assert [w.split(";")[0] for w in said[1:]] == ["compiled KF", "compiled again", "compiled EKF"]
     hits = [sum(loop.stats.cache_hits.values()) for loop in evaluator.loops]
@@ -58,14 +58,14 @@ def test_a_further_process_compiles_from_the_far_end_and_this_one_loads_it(cold,
     assert hits[-1] == 1
     assert not further_processes.missing_kernels(evaluator)
     monkeypatch.setattr(further_processes.subprocess, "Popen", lambda *a, **k: pytest.fail("started for nothing"))
-    compiling.compile_kernels(evaluator, 2, said.append)
+    study_run.compile_kernels(evaluator, 2, said.append)
     assert len(said) == 8
 
 
 def test_a_further_process_that_fails_leaves_its_kernels_to_this_one(cold, monkeypatch):
     monkeypatch.setattr(further_processes, "_START", "raise SystemExit(3)")
     evaluator, said = cold(), []
-    compiling.compile_kernels(evaluator, 3, said.append)
+    study_run.compile_kernels(evaluator, 3, said.append)
     assert len(said) == 4
     assert all(is_on_disk(loop) for loop in evaluator.loops)
     assert not any(loop.stats.cache_hits for loop in evaluator.loops)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from harness.config import load_study
+from harness.study.compiled_study import asked_too_much
 from harness.study.design import Unit, units
 from harness.study.evaluate import StudyEvaluator
-from harness.study.grip import asked_too_much
 from harness.study.replay import Place, Replayer
 from harness.study.run_noise import Case
 from harness.study.scores import LOST_CONTROL, OK, PLANT_DIVERGED
