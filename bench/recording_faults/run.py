@@ -17,7 +17,7 @@ import numpy as np
 from bench.recording_faults import drives
 from bench.recording_faults.drives import Drive
 from bench.recording_faults.planted import Planted, planted
-from harness.recordings.check.run import Findings, check_tables
+from harness.recordings.check.run import CheckFindings, check_tables
 from harness.recordings.motion.consistency import DISAGREES
 
 CLEAN = "nothing planted"
@@ -55,7 +55,7 @@ class Scored:
     seconds: float
 
 
-def check_drive(drive: Drive) -> tuple[Findings, float]:
+def check_drive(drive: Drive) -> tuple[CheckFindings, float]:
     """Check a drive; a warning of NumPy is an error."""
     begin = perf_counter()
     with warnings.catch_warnings():
@@ -64,7 +64,7 @@ def check_drive(drive: Drive) -> tuple[Findings, float]:
     return found, perf_counter() - begin
 
 
-def _keys(found: Findings) -> set[tuple[str, tuple[str, ...]]]:
+def _keys(found: CheckFindings) -> set[tuple[str, tuple[str, ...]]]:
     return {(f.kind, tuple(sorted(f.signals))) for f in found.found}
 
 
@@ -73,7 +73,7 @@ def _names(fault: Planted, kind: str, signals: Sequence[str]) -> bool:
     return kind in fault.named and (not meant or bool(meant & set(signals)))
 
 
-def scored(drive: Drive, clean: Findings, fault: Planted, measured: bool) -> Scored:
+def scored(drive: Drive, clean: CheckFindings, fault: Planted, measured: bool) -> Scored:
     """Plant one fault in a drive and score the check; one that ends without an answer has named nothing."""
     try:
         found, seconds = check_drive(fault.into(drive))

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from harness.recordings.check.run import Findings
+    from harness.recordings.check.run import CheckFindings
 
 
 def check(
@@ -72,7 +72,7 @@ def check(
 class Check:
     """What a check found; made by ``harness.check``."""
 
-    def __init__(self, findings: Findings) -> None:
+    def __init__(self, findings: CheckFindings) -> None:
         self._found = findings
 
     @property

@@ -28,7 +28,7 @@ from harness.diagnosis.criteria import ROUNDS
 from harness.diagnosis.fitting.fit import KeptFits
 from harness.diagnosis.known_gains import known_ranges
 from harness.diagnosis.model.augmented_model import AugmentedModel
-from harness.diagnosis.result.estimator_gain import Estimated, compile_estimators, estimators_on
+from harness.diagnosis.result.estimator_gain import EstimatorErrors, compile_estimators, estimators_on
 from harness.diagnosis.result.outcome import Outcome, outcome_of
 from harness.diagnosis.result.record import write_outcome
 from harness.diagnosis.result.study_gain import REPEATS, StudyGain, refuse_study, study_gain
@@ -286,7 +286,7 @@ def _compile(task: Task, outcome: Outcome, say: Callable[[str], None]) -> None:
         compile_estimators((outcome.nominal, outcome.amended), task.estimators, task.test[0], jobs, say)
 
 
-def _estimated(task: Task, outcome: Outcome, kind: str, say: Callable[[str], None]) -> tuple[Estimated, ...]:
+def _estimated(task: Task, outcome: Outcome, kind: str, say: Callable[[str], None]) -> tuple[EstimatorErrors, ...]:
     """Return one estimator on the held-out drives; none if it cannot be run."""
     return outcome.failures.attempt(
         f"the estimates of {kind}",

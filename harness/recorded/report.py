@@ -13,7 +13,7 @@ import xarray as xr
 from harness.models.quantities import listed, quantity, words
 from harness.recorded import figures
 from harness.recorded.run import inputs_in_words
-from harness.recorded.summary import Summary, is_coloured, references_of, signals_of, verdicts
+from harness.recorded.summary import RunSummary, is_coloured, references_of, signals_of, verdicts
 from harness.reporting import style
 from harness.reporting.document import (
     Block,
@@ -46,7 +46,7 @@ class Estimated:
 
     model: str
     runs: Sequence[xr.Dataset]
-    summaries: Sequence[Summary]
+    summaries: Sequence[RunSummary]
     warnings: Sequence[str] = ()
 
     def by_recording(self) -> dict[str, list[xr.Dataset]]:

@@ -100,7 +100,7 @@ class Error:
 
 
 @dataclass(frozen=True)
-class Summary:
+class RunSummary:
     """One estimator on one recording.
 
     Attributes:
@@ -150,14 +150,14 @@ def signals_of(run: xr.Dataset) -> list[str]:
     return [str(v) for v in run if f"{v}_std" in run]
 
 
-def summary(run: xr.Dataset) -> Summary:
+def summary(run: xr.Dataset) -> RunSummary:
     """Return the numbers of a run of ``harness.recorded.run.RecordedEstimator``."""
     nis, nis_inside, _ = shares_inside(run["nis"].to_numpy(), run["nis_degrees"].to_numpy())
     nees = nees_inside = math.nan
     if "nees" in run:
         nees, nees_inside, _ = shares_inside(run["nees"].to_numpy(), run["nees_degrees"].to_numpy())
     normalised = {n: (run[f"innovation_{n}"] / run[f"innovation_std_{n}"]).to_numpy() for n in outputs_of(run)}
-    return Summary(
+    return RunSummary(
         run.attrs["estimator"],
         run.attrs["recording"],
         nis,
@@ -202,7 +202,7 @@ def _independent(errors: Floats) -> float:
     return max(1.0, len(errors) * (1.0 - alike) / (1.0 + alike)) if alike > 0.0 else float(len(errors))
 
 
-def record(found: Summary) -> dict[str, Any]:
+def record(found: RunSummary) -> dict[str, Any]:
     """Return the numbers as ``estimate.json`` holds them, SI units."""
     return {
         "estimator": found.estimator,
@@ -256,7 +256,7 @@ _LEVEL = 0.99
 """Of the bounds of an average that a right estimator keeps."""
 
 
-def verdicts(summaries: Sequence[Summary]) -> str:
+def verdicts(summaries: Sequence[RunSummary]) -> str:
     """Return the verdict on each estimator, those that come to the same together."""
     said: dict[str, list[str]] = {}
     for name in dict.fromkeys(s.estimator for s in summaries):
@@ -264,7 +264,7 @@ def verdicts(summaries: Sequence[Summary]) -> str:
     return " ".join(f"With {listed(names)} {text}." for text, names in said.items())
 
 
-def verdict(runs: Sequence[Summary]) -> str:
+def verdict(runs: Sequence[RunSummary]) -> str:
     """Return whether model and noise fit, and because of what, of one estimator on all recordings.
 
     What weighs most comes first: errors that are larger than stated, then coloured innovations, then NIS. Where NIS
@@ -317,7 +317,7 @@ def _large(errors: Sequence[tuple[str, Error]]) -> list[str]:
     return [f"errors of the {words(name)} are {times} times as large as stated ({inside} in their 95 % band)"]
 
 
-def _coloured(runs: Sequence[Summary]) -> list[str]:
+def _coloured(runs: Sequence[RunSummary]) -> list[str]:
     names = dict.fromkeys(n for s in runs for n, w in s.whiteness.items() if is_coloured(w))
     return [f"innovations of {listed([words(n) for n in names])} are coloured"] if names else []
 

@@ -11,7 +11,7 @@ import xarray as xr
 
 from harness.common.errors import UserError
 from harness.common.files import json_text, write_files
-from harness.recorded.summary import Summary, outputs_of, record
+from harness.recorded.summary import RunSummary, outputs_of, record
 from harness.recordings.read.write import write_recording
 
 Format = Literal["csv", "parquet", "nc"]
@@ -56,7 +56,7 @@ def file_stem(name: str) -> str:
     return re.sub(r"[^\w.=+-]+", "_", name).strip("_") or "unnamed"
 
 
-def write_numbers(folder: Path, summaries: Sequence[Summary], answer: str, comment: str) -> Path:
+def write_numbers(folder: Path, summaries: Sequence[RunSummary], answer: str, comment: str) -> Path:
     """Write the answer and the numbers of all runs as ``estimate.json`` and return its path.
 
     Raises:

@@ -10,7 +10,7 @@ import pytest
 from harness.common.statistics import Interval
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.result.answer import Value, answer
-from harness.diagnosis.selection.posterior import Alike, Model, Posterior
+from harness.diagnosis.selection.posterior import Alike, ComparedModel, Posterior
 from harness.identification.coordinates import parameter_coordinate
 from harness.models.contracts import Parameter
 from harness.reporting.style import uncertain
@@ -69,7 +69,7 @@ def posterior(none, *shares):
     """Return how likely models are, each by its probability and what it has."""
     zero, alone = np.zeros(1), Interval(0.0, 0.0, 0.0)
     models = [
-        Model(tuple(Alike((h,), (1.0,)) for h in added), None, 0.0, zero, alone, share / (1.0 - none), share)
+        ComparedModel(tuple(Alike((h,), (1.0,)) for h in added), None, 0.0, zero, alone, share / (1.0 - none), share)
         for share, *added in shares
     ]
     return Posterior(tuple(models), none, zero)

@@ -30,7 +30,7 @@ from harness.diagnosis.selection.acceptance import Candidate, Round
 from harness.diagnosis.selection.candidate_fits import CandidateFits
 from harness.diagnosis.selection.forward_selection import Trace, first_variances
 from harness.diagnosis.selection.forward_selection import trace as search_for
-from harness.diagnosis.selection.posterior import Alike, Model, Posterior
+from harness.diagnosis.selection.posterior import Alike, ComparedModel, Posterior
 from harness.diagnosis.selection.score_test import Score
 from harness.diagnosis.selection.validation import HeldOut, Judgement, colour_left
 from harness.identification.whiteness import whiteness
@@ -294,7 +294,7 @@ def test_the_first_page_and_the_record_say_how_likely_each_explanation_is(outcom
     def model(share, hypotheses, shares):
         density = np.full(len(HORIZONS), -100.0 * share)
         alike = (Alike(hypotheses, shares),) if hypotheses else ()
-        return Model(alike, fitted, -4.0, density, Interval(-3.0, -9.0, 2.0), share, 0.8 * share)
+        return ComparedModel(alike, fitted, -4.0, density, Interval(-3.0, -9.0, 2.0), share, 0.8 * share)
 
     models = (model(0.86, (lag,), (1.0,)), model(0.12, (ratio, roll), (0.75, 0.25)), model(0.02, (), ()))
     posterior = Posterior(models, 0.2, np.full(len(HORIZONS), 0.94))
@@ -322,7 +322,7 @@ def test_the_first_page_and_the_record_say_how_likely_each_explanation_is(outcom
 def test_a_disturbance_without_a_name_makes_it_likelier_that_no_name_is_right(outcome, tmp_path):
     final, zero = outcome.trace.final, np.zeros(len(HORIZONS))
     lag = Alike((Hypothesis("steering_lag", "effect", ("steering_lag",)),), (1.0,))
-    models = (Model((lag,), final, 0.0, zero, Interval(0.0, 0.0, 0.0), 1.0, 0.9),)
+    models = (ComparedModel((lag,), final, 0.0, zero, Interval(0.0, 0.0, 0.0), 1.0, 0.9),)
     trace = dataclasses.replace(outcome.trace, posterior=Posterior(models, 0.1, zero))
     found = UnmodelledDisturbance((), {}, 5.0, outcome.trace.after, ())
     said = dataclasses.replace(outcome, trace=trace, where=dataclasses.replace(outcome.where, unmodelled=found))
@@ -348,8 +348,8 @@ def test_the_first_page_says_where_the_likeliest_model_is_not_what_was_added(out
     fitted, lag = outcome.trace.nominal, Hypothesis("steering_lag", "effect", ("steering_lag",))
     zero = np.zeros(len(HORIZONS))
     models = (
-        Model((Alike((lag,), (1.0,)),), fitted, 0.0, zero, Interval(0.0, 0.0, 0.0), 0.999, 0.999),
-        Model((), fitted, 0.0, zero, Interval(-99.0, -120.0, -80.0), 0.001, 0.001),
+        ComparedModel((Alike((lag,), (1.0,)),), fitted, 0.0, zero, Interval(0.0, 0.0, 0.0), 0.999, 0.999),
+        ComparedModel((), fitted, 0.0, zero, Interval(-99.0, -120.0, -80.0), 0.001, 0.001),
     )
     posterior = Posterior(models, 0.0, zero)
     said = likely(weighed(outcome, posterior))
@@ -368,8 +368,8 @@ def test_what_is_less_likely_is_told_by_what_it_has_in_place_of_the_likeliest(ou
     def told(*added):
         alone = Interval(0.0, 0.0, 0.0)
         models = (
-            Model((lag, roll, arm), fitted, 0.0, zero, alone, 0.7, 0.7),
-            Model(added, fitted, 0.0, zero, alone, 0.3, 0.3),
+            ComparedModel((lag, roll, arm), fitted, 0.0, zero, alone, 0.7, 0.7),
+            ComparedModel(added, fitted, 0.0, zero, alone, 0.3, 0.3),
         )
         posterior = Posterior(models, 0.0, zero)
         return likely(weighed(outcome, posterior))[:2]

@@ -162,7 +162,7 @@ def test_what_was_found_beside_a_model_has_its_odds_there():
     density, each = np.zeros(5), np.exp(np.add(priors, differences))
     share = each / each.sum()
     models = tuple(
-        p.Model((), fit, prior, density, p.Interval(d, d, d), s, 0.9 * s)
+        p.ComparedModel((), fit, prior, density, p.Interval(d, d, d), s, 0.9 * s)
         for fit, prior, d, s in zip(fits, priors, differences, share, strict=False)
     )
     found = p.Posterior(models, 0.1, density)
@@ -241,7 +241,7 @@ def test_coverage_is_that_of_the_chi_square_region():
 def model(name, share, alike=()):
     names = (name, *alike)
     same = p.Alike(tuple(Hypothesis(n, "effect", (n,)) for n in names), (0.75, 0.25)[: len(names)] if alike else (1.0,))
-    return p.Model((same,), None, 0.0, np.zeros(5), None, share, 0.8 * share)
+    return p.ComparedModel((same,), None, 0.0, np.zeros(5), None, share, 0.8 * share)
 
 
 def test_the_confusable_set_is_the_smallest_with_its_mass():

@@ -99,7 +99,7 @@ def test_the_likelihood_is_largest_where_it_says():
     rng = np.random.default_rng(2)
     u, _ = walk(rng, 0.5, 1)
     y = u + 0.02 * rng.normal(size=len(u))
-    search = kinematic_smoother._Search(y, STEP, 1)
+    search = kinematic_smoother._IntensitySearch(y, STEP, 1)
     noise, intensity, likelihood = search._likeliest(*search.bounds, 7)
     loops = kinematic_smoother.kinematic_loops()
 

@@ -7,10 +7,10 @@ import pytest
 
 import harness as h
 from harness.identification.fit_recordings import NominalFit
-from harness.recordings.check.causes import DELAY, SIGN, Fault
+from harness.recordings.check.causes import DELAY, SIGN, RecordingFault
 from harness.recordings.check.examine import Finding, examine
 from harness.recordings.check.remedy import mended, spoils
-from harness.recordings.check.run import Remedy, check_tables, tried_by_fit
+from harness.recordings.check.run import MapRemedy, check_tables, tried_by_fit
 from harness.recordings.read.in_memory import tables_of
 from harness.recordings.read.load import recording_of
 
@@ -27,7 +27,7 @@ from harness.recordings.read.load import recording_of
 )
 def test_a_sign_is_turned_where_the_map_has_it(entry, after):
     named = {"channel": "r", "unit": "rad/s"}
-    fault = Fault(SIGN, ("yaw_rate",), -1.0, 0.0, 0.0, "wrong sign")
+    fault = RecordingFault(SIGN, ("yaw_rate",), -1.0, 0.0, 0.0, "wrong sign")
     found = mended({"yaw_rate": {**named, **entry}}, [fault], [], {}, 60.0)
     assert found == {"yaw_rate": {**named, **after}}
 
@@ -56,7 +56,7 @@ def offered(car, **delays):
     content, findings, _ = car
     lines = {name: {**content[name], "delay": delay} for name, delay in delays.items()}
     found = tuple(Finding(DELAY, (name,), f"{name}: late", "") for name in delays)
-    remedy = Remedy({**content, **lines}, tuple(lines), findings.fits)
+    remedy = MapRemedy({**content, **lines}, tuple(lines), findings.fits)
     return replace(findings, found=found, remedy=remedy)
 
 
@@ -78,7 +78,7 @@ def test_lines_that_spoil_the_fit_of_the_nominal_model_are_withdrawn(car):
 def test_lines_that_the_fit_needs_stay(car):
     content, findings, examined = car
     late = {**content, "yaw_rate": {**content["yaw_rate"], "delay": "-200 ms"}}
-    remedy = Remedy(content, ("yaw_rate",), findings.fits)
+    remedy = MapRemedy(content, ("yaw_rate",), findings.fits)
     offer = replace(findings, found=(Finding(DELAY, ("yaw_rate",), "yaw_rate: late", ""),), remedy=remedy)
     tried = tried_by_fit(offer, late, examined, NominalFit("govindarajan_2018"))
     assert tried.found[0].mends

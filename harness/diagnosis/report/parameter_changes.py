@@ -9,7 +9,7 @@ from harness.config import ModelSpec
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS
 from harness.diagnosis.result.answer import gap
 from harness.diagnosis.result.outcome import Outcome
-from harness.diagnosis.selection.parameter_changes import Change, Changes
+from harness.diagnosis.selection.parameter_changes import Changes, ParameterChange
 from harness.models.quantities import print_unit, words
 from harness.reporting import style
 from harness.reporting.document import Sheet
@@ -69,7 +69,7 @@ def table(changes: Changes) -> Sheet:
     return Sheet(header, [_row(c) for c in changes.tried[:_SHOWN]], caption, left=2)
 
 
-def _row(c: Change) -> list[str]:
+def _row(c: ParameterChange) -> list[str]:
     numbers = (c.stated, c.value, c.std)
     shown = [style.number(n) for n in numbers]
     normalised_excess_mse = (

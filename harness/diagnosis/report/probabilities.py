@@ -13,7 +13,7 @@ from harness.diagnosis.result.answer import Value, in_words
 from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.selection.acceptance import Round
 from harness.diagnosis.selection.forward_selection import Trace
-from harness.diagnosis.selection.posterior import Alike, Model
+from harness.diagnosis.selection.posterior import Alike, ComparedModel
 from harness.models.quantities import listed, print_unit, words
 from harness.reporting import style
 
@@ -88,7 +88,7 @@ def likely(outcome: Outcome) -> list[str]:
     return [*lines, f"{in_words(found.none)}: none of these; {beside}"] if found.none >= _LEAST else lines
 
 
-def _explained(trace: Trace, m: Model, first: Model) -> str:
+def _explained(trace: Trace, m: ComparedModel, first: ComparedModel) -> str:
     """Return what a model has, with sizes; how it differs from the likeliest one, where that is less to say."""
     if not m.added:
         return "nothing is missing"
@@ -107,13 +107,13 @@ def _explained(trace: Trace, m: Model, first: Model) -> str:
     return f"the same, but in place of {without}: {sized(more)}" if more else f"the same without {without}"
 
 
-def _one(trace: Trace, m: Model, alike: Alike, errors: dict[str, float]) -> str:
+def _one(trace: Trace, m: ComparedModel, alike: Alike, errors: dict[str, float]) -> str:
     first = alike.hypotheses[0]
     others = [_name(h) for h in alike.hypotheses[1:]]
     return f"{_sized(trace, m, first, errors)}{f', or {listed(others)}, which acts the same' if others else ''}"
 
 
-def _sized(trace: Trace, m: Model, h: Hypothesis, errors: dict[str, float]) -> str:
+def _sized(trace: Trace, m: ComparedModel, h: Hypothesis, errors: dict[str, float]) -> str:
     """Return a hypothesis with its one amplitude; several are too many for a line."""
     if len(h.amplitudes) != 1:
         return _name(h)

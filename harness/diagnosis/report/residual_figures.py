@@ -15,7 +15,7 @@ from matplotlib.ticker import NullFormatter, ScalarFormatter
 
 from harness.diagnosis.innovations.disturbance_inputs import DisturbanceInput, place_of, place_of_port
 from harness.diagnosis.residuals.dependence import Curve, Regressor
-from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking, History, RankedInput
+from harness.diagnosis.residuals.disturbance_ranking import DisturbanceHistory, DisturbanceRanking, RankedInput
 from harness.diagnosis.residuals.innovation_tests import CrossCorrelation, NisOverTime
 from harness.diagnosis.residuals.order_analysis import WAVELENGTHS, PeriodicDisturbance
 from harness.diagnosis.result.answer import entry, shown
@@ -149,7 +149,7 @@ def ranking(nominal: Sequence[RankedInput], final: Sequence[RankedInput]) -> byt
         return style.svg(fig)
 
 
-def histories(drive: Drive, ranked_inputs: Sequence[RankedInput], found: Sequence[History]) -> bytes:
+def histories(drive: Drive, ranked_inputs: Sequence[RankedInput], found: Sequence[DisturbanceHistory]) -> bytes:
     """Return the disturbance over one drive at the inputs of the largest gain, each with its 95 % band."""
     with style.drawing():
         fig = style.figure(0.8 + 1.5 * len(ranked_inputs))

@@ -183,7 +183,7 @@ _SHAPES = (
 
 
 @dataclass(frozen=True)
-class Proposal:
+class Dependence:
     """A pair of input and regressor with the share of halves in which one of its terms was selected."""
 
     disturbance_input: DisturbanceInput
@@ -198,7 +198,7 @@ def proposals(
     signals: Sequence[Floats],
     moved: Sequence[Floats],
     residuals: Sequence[Floats],
-) -> list[Proposal]:
+) -> list[Dependence]:
     """Return pairs of input and regressor, the most stable first.
 
     Args:
@@ -227,7 +227,7 @@ def proposals(
             taken += np.any(weights.reshape(len(taken), len(_SHAPES)) != 0.0, axis=1)
     stability = taken / (2 * PAIRS)
     found = [
-        Proposal(disturbance_inputs[j // len(regressors)], regressors[j % len(regressors)], float(stability[j]))
+        Dependence(disturbance_inputs[j // len(regressors)], regressors[j % len(regressors)], float(stability[j]))
         for j in np.argsort(-stability, kind="stable")
     ]
     return [p for p in found if p.stability > 0]

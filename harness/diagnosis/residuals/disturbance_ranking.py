@@ -169,7 +169,7 @@ class RankedInput:
 
 
 @dataclass(frozen=True)
-class History:
+class DisturbanceHistory:
     """A disturbance given all samples of a drive.
 
     Attributes:
@@ -220,7 +220,7 @@ class DisturbanceRanking:
         j = self.disturbance_inputs.index(disturbance_input)
         return [input_directions[j] for input_directions in self._input_directions]
 
-    def history(self, ranked_input: RankedInput) -> tuple[History, ...]:
+    def history(self, ranked_input: RankedInput) -> tuple[DisturbanceHistory, ...]:
         """Return the disturbance at an input over every drive."""
         time_constant, step = ranked_input.time_constant, self.augmented.spec.step
         found = []
@@ -228,7 +228,7 @@ class DisturbanceRanking:
             self.linear, self.input_directions(ranked_input.disturbance_input), strict=True
         ):
             (held,) = held_disturbances(linear.innovations, [input_direction], samples_held(time_constant, step))
-            found.append(History(*held.smoothed(time_constant, ranked_input.deviation)))
+            found.append(DisturbanceHistory(*held.smoothed(time_constant, ranked_input.deviation)))
         return tuple(found)
 
     def _ranked(self) -> tuple[RankedInput, ...]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from harness.common.failures import RAISED, Failures
 from harness.config import ModelSpec
-from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking, History, RankedInput
+from harness.diagnosis.residuals.disturbance_ranking import DisturbanceHistory, DisturbanceRanking, RankedInput
 from harness.diagnosis.residuals.random_process import RandomProcess, find_random_process
 from harness.diagnosis.residuals.unmodelled import UnmodelledDisturbance, find_unmodelled
 from harness.diagnosis.selection.forward_selection import Trace
@@ -29,7 +29,7 @@ class Where:
 
     nominal: DisturbanceRanking | None
     final: DisturbanceRanking | None
-    histories: tuple[tuple[History, ...], ...]
+    histories: tuple[tuple[DisturbanceHistory, ...], ...]
     unmodelled: UnmodelledDisturbance | None
     random_process: RandomProcess | None = None
 

@@ -28,7 +28,7 @@ from harness.diagnosis.residuals.dependence import (
     FUNCTIONS,
     Basis,
     Curve,
-    Proposal,
+    Dependence,
     Regressor,
     proposals,
     rates,
@@ -91,7 +91,7 @@ class UnmodelledDisturbance:
 class _Term:
     """A curve that may be taken: its pair, its functions, and what they do to the innovations of each drive."""
 
-    proposal: Proposal
+    proposal: Dependence
     basis: Basis
     responses: list[Floats]
 
@@ -155,7 +155,7 @@ class _Drives:
         j = self.regressors.index(regressor)
         return [s[:, j] for s in self.signals]
 
-    def responses(self, proposal: Proposal, basis: Basis) -> list[Floats]:
+    def responses(self, proposal: Dependence, basis: Basis) -> list[Floats]:
         """Return what the functions of a curve do to the innovations, by drive ``(samples * ny, FUNCTIONS)``."""
         return [
             linear.innovations.responses(input_direction, basis.of(s)).reshape(-1, FUNCTIONS)
@@ -201,14 +201,14 @@ def find_unmodelled(
     if not (here.followed and kept_aside.followed):
         return None
     turnings, disturbances, gain = _periodic(here, kept_aside, held_out.fitting.samples)
-    pairs: list[Proposal] = []
+    pairs: list[Dependence] = []
     if ranked_inputs:
         residuals = [r.residual for r in here.distance_drives]
         pairs = proposals(ranking, ranked_inputs, here.regressors, here.signals, here.moved, residuals)[:_PAIRS]
     prior = np.array([min(c.prior, PRIORS.beside_curves) ** -2.0 if np.isfinite(c.prior) else 0.0 for c in moved])
     alone = _solved(here.sums([]), prior, 0, _STIFFNESS[0])[0]
     curves, weights = _selected(here, pairs, prior)
-    columns = [kept_aside.responses(Proposal(c.disturbance_input, c.regressor, 0.0), c.basis) for c in curves]
+    columns = [kept_aside.responses(Dependence(c.disturbance_input, c.regressor, 0.0), c.basis) for c in curves]
     by_curves = sum(_gain(s, weights) for s in kept_aside.sums(columns)) if curves else 0.0
 
     def judged(curves: Sequence[Curve], weights: Floats, by_curves: float) -> UnmodelledDisturbance:
@@ -270,7 +270,7 @@ def _gain(sums: _Sums, weights: Floats) -> float:
     return float(sums.pull @ weights - 0.5 * weights @ sums.gram @ weights)
 
 
-def _selected(here: _Drives, pairs: Sequence[Proposal], prior: Floats) -> tuple[list[Curve], Floats]:
+def _selected(here: _Drives, pairs: Sequence[Dependence], prior: Floats) -> tuple[list[Curve], Floats]:
     """Return curves by forward selection with cross-validation, and the weights of parameters and curves.
 
     Args:

@@ -117,7 +117,7 @@ _UNSEEN = 1e12
 
 
 @dataclass(frozen=True)
-class Estimated:
+class EstimatorErrors:
     """One estimator on the held-out drives.
 
     Attributes:
@@ -138,7 +138,7 @@ def estimators_on(
     recordings: Sequence[xr.Dataset],
     kinds: Sequence[str],
     say: Callable[[str], None] = lambda _: None,
-) -> tuple[Estimated, ...]:
+) -> tuple[EstimatorErrors, ...]:
     """Run estimators on the held-out drives with both models.
 
     Args:
@@ -158,7 +158,7 @@ def estimators_on(
         for spec, point, words in ((nominal, trace.before.point, "nominal"), (amended, trace.after.point, "amended")):
             say(f"{kind} with the {words} model")
             errors.append(_errors(trace, spec, point, recordings, kind))
-        found.append(Estimated(kind, *errors))
+        found.append(EstimatorErrors(kind, *errors))
     return tuple(found)
 
 

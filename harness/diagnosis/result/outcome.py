@@ -17,7 +17,7 @@ from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.residuals.localisation import NOWHERE, Where, where
 from harness.diagnosis.residuals.random_process import RandomProcess
 from harness.diagnosis.result.answer import Value, Verdict, answer, final_judgement, final_posterior, strays, verdict_of
-from harness.diagnosis.result.estimator_gain import Estimated, fitted_model
+from harness.diagnosis.result.estimator_gain import EstimatorErrors, fitted_model
 from harness.diagnosis.result.study_gain import StudyGain
 from harness.diagnosis.selection.candidate_fits import Say
 from harness.diagnosis.selection.forward_selection import Trace
@@ -89,7 +89,7 @@ class Outcome:
     nominal: ModelSpec
     amended: ModelSpec
     where: Where
-    estimators: tuple[Estimated, ...] = ()
+    estimators: tuple[EstimatorErrors, ...] = ()
     study_gain: StudyGain | str | None = None
     notes: tuple[str, ...] = ()
     failures: Failures = RAISED

@@ -23,7 +23,7 @@ from harness.diagnosis.result.answer import described
 from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.result.study_gain import StudyGain
 from harness.diagnosis.selection.acceptance import Candidate, Round
-from harness.diagnosis.selection.posterior import Model, Posterior
+from harness.diagnosis.selection.posterior import ComparedModel, Posterior
 from harness.diagnosis.selection.validation import Judgement
 from harness.identification.result import FILE, series_of
 from harness.models.assembly.placement import load_effect, ports_of, split
@@ -163,7 +163,7 @@ def _confusable(found: Posterior | None) -> dict[str, Any] | None:
     return {"asked": MASS, "mass": sum(m.share for m in chosen), "models": models}
 
 
-def _model(m: Model) -> dict[str, Any]:
+def _model(m: ComparedModel) -> dict[str, Any]:
     """Return what a model has; names that stand together are what the drives cannot tell apart at all."""
     return {"added": [[{"name": h.name, "kind": h.kind} for h in alike.hypotheses] for alike in m.added]}
 

@@ -100,7 +100,7 @@ _LONG_AGO = -1e5
 
 
 @dataclass(frozen=True)
-class Change:
+class ChangeResponse:
     """A change whose amplitude is to be known.
 
     Attributes:
@@ -134,7 +134,7 @@ class Onsets:
         self._first = np.searchsorted(drive.time, self._middle - 1e-9)
         self._later = np.round((grid - self._middle) / self._whole.spec.step).astype(int)
 
-    def responses(self, changes: Sequence[Change]) -> list[Columns]:
+    def responses(self, changes: Sequence[ChangeResponse]) -> list[Columns]:
         """Return how whitened innovations respond to each change at every time ``(samples * ny, change_times)``."""
         values, directions = [], []
         for c in changes:

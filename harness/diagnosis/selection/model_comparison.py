@@ -29,7 +29,7 @@ from harness.diagnosis.selection.acceptance import Candidate, Round, same
 from harness.diagnosis.selection.candidate_fits import Added, CandidateFits, own_of
 from harness.diagnosis.selection.posterior import (
     Alike,
-    Model,
+    ComparedModel,
     Posterior,
     by_block,
     coloured,
@@ -325,7 +325,7 @@ class _Comparison:
         odds = np.array([0.0, self._stand_in(first)]) + math.log(PRIORS.odds["none"])
         joint = probabilities(np.append(priors, priors[order[0]] + odds), np.vstack([densities, unlisted]))
         found = tuple(
-            Model(
+            ComparedModel(
                 tuple(weighed.classes[i]),
                 weighed.predicted[i].fitted,
                 float(priors[i]),

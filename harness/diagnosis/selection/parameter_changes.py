@@ -30,7 +30,7 @@ _ITERATIONS = 8
 
 
 @dataclass(frozen=True)
-class Change:
+class ParameterChange:
     """One parameter, refitted alone.
 
     Attributes:
@@ -60,10 +60,10 @@ class Changes:
     """
 
     before: Judgement
-    tried: tuple[Change, ...]
+    tried: tuple[ParameterChange, ...]
 
     @property
-    def found(self) -> Change | None:
+    def found(self) -> ParameterChange | None:
         """The likeliest change, if it meets the criteria of an addition to a model."""
         best = self.tried[0]
         passes = (
@@ -102,7 +102,7 @@ def single_changes(
         fitted = fitting.only((c,), fitting.best(_starts(c, first)), _ITERATIONS)
         gain = 2.0 * (fitted.log_likelihood - likelihood) - math.log(fitting.samples)
         std, judged = float(fitting.standard_errors(fitted)[0]), held_out.judge((), fitted.point)
-        found.append(Change(p, first.value(c), fitted.point.value(c), std, gain, judged))
+        found.append(ParameterChange(p, first.value(c), fitted.point.value(c), std, gain, judged))
     found.sort(key=lambda change: change.bic, reverse=True)
     return Changes(held_out.judge((), first), tuple(found))
 

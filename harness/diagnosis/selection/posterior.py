@@ -134,7 +134,7 @@ class Alike:
 
 
 @dataclass(frozen=True)
-class Model:
+class ComparedModel:
     """A model that was fitted and judged.
 
     Attributes:
@@ -171,16 +171,16 @@ class Posterior:
         coverage: Share of the held-out samples within the 95 % region that the likeliest predicts ``(horizons,)``.
     """
 
-    models: tuple[Model, ...]
+    models: tuple[ComparedModel, ...]
     none: float
     coverage: Floats
 
-    def confusable(self, mass: float = MASS) -> tuple[Model, ...]:
+    def confusable(self, mass: float = MASS) -> tuple[ComparedModel, ...]:
         """Return the smallest set of models that holds the right one with a probability, if one of them is right."""
         before = np.cumsum([0.0, *(m.share for m in self.models)])
         return tuple(m for m, b in zip(self.models, before, strict=False) if b < mass)
 
-    def model_with(self, added: Iterable[Hypothesis]) -> Model | None:
+    def model_with(self, added: Iterable[Hypothesis]) -> ComparedModel | None:
         """Return the model that has certain additions and no others; ``None`` if it is not among them."""
         wanted = frozenset(added)
         return next((m for m in self.models if frozenset(a.hypotheses[0] for a in m.added) == wanted), None)

@@ -22,7 +22,7 @@ from harness.common.arrays import Floats
 from harness.diagnosis.fitting.fit import Fitted, Fitting, Point, in_rows
 from harness.diagnosis.innovations.innovation_model import Linearisation
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
-from harness.diagnosis.selection.change_times import Change, Choices, Columns, Onsets, choices, join
+from harness.diagnosis.selection.change_times import ChangeResponse, Choices, Columns, Onsets, choices, join
 from harness.identification.uncertainty import covariance_of
 
 _ROUNDED = 1e-4
@@ -306,7 +306,7 @@ class ScoreTest:
             self._onsets[drive] = Onsets(self._linearisation, self.drives[drive], values, kept, self._times(drive))
         wanted = {a: h for h in many for a in h.amplitudes if (drive, a) not in self._cached}
         found = self._onsets[drive].responses(
-            [Change(a, h.change_times[0], self._begun(h, drive)) for a, h in wanted.items()]
+            [ChangeResponse(a, h.change_times[0], self._begun(h, drive)) for a, h in wanted.items()]
         )
         self._cached |= {(drive, a): x for a, x in zip(wanted, found, strict=True)}
 

@@ -41,7 +41,7 @@ from harness.simulation.simulate import in_lanes, variances
 
 
 @dataclass(frozen=True)
-class Point:
+class EMPoint:
     """The estimates of EM at an iteration.
 
     Attributes:
@@ -140,7 +140,7 @@ class Expecter:
         self._rows = [spec.model().parameter_names.index(name) for name in free]
         self._starts = started_by(spec.model())
 
-    def expect(self, point: Point, seed: np.random.SeedSequence) -> Expectation:
+    def expect(self, point: EMPoint, seed: np.random.SeedSequence) -> Expectation:
         """Run filter and smoother at a point (the E-step).
 
         Raises:
@@ -226,8 +226,8 @@ class EmResult:
         converged: Whether two windows agreed within the scatter of the particles before the iterations ran out.
     """
 
-    point: Point
-    history: tuple[Point, ...]
+    point: EMPoint
+    history: tuple[EMPoint, ...]
     converged: bool
 
 
@@ -254,15 +254,15 @@ class Maximisation:
         smoothed = self.settings.e_step == "smoother"
         self.expecter = Expecter(spec, self.free, drives, self.settings.particles, smoothed)
 
-    def start(self) -> Point:
+    def start(self) -> EMPoint:
         """Return the point EM begins with."""
-        return Point(
+        return EMPoint(
             np.array([self.spec.values[name] for name in self.free]),
             variances(self.spec.process_noise, self.spec.model().states),
             variances(self.spec.measurement_noise, list(self.spec.model().outputs)),
         )
 
-    def negative_q(self, expectation: Expectation, point: Point) -> Callable[[Floats], tuple[float, Floats]]:
+    def negative_q(self, expectation: Expectation, point: EMPoint) -> Callable[[Floats], tuple[float, Floats]]:
         """Return ``-Q(theta, theta_m)`` but for a constant, with its gradient, as a function of the free parameters.
 
         Variances that are estimated are at their best for the parameters at hand, the others at the point's.
@@ -280,13 +280,13 @@ class Maximisation:
 
         return evaluate
 
-    def maximise(self, expectation: Expectation, point: Point, turn: int) -> Point:
+    def maximise(self, expectation: Expectation, point: EMPoint, turn: int) -> EMPoint:
         """Return the point of the largest Q (the M-step); of the coordinate search, along parameter ``turn``."""
         cost = self.negative_q(expectation, point)
         free = self._climb(cost, point.free) if self.settings.search == "gradient" else self._along(cost, point, turn)
         sums, _ = self.expecter.residuals(expectation, free)
         process, measurement = np.split(sums, [len(point.process)])
-        return Point(
+        return EMPoint(
             free,
             process / expectation.steps if self.settings.process_noise else point.process,
             measurement / expectation.seen if self.settings.measurement_noise else point.measurement,
@@ -303,7 +303,7 @@ class Maximisation:
         found = minimize(scaled, start / scale, jac=True, method="L-BFGS-B", bounds=bounds)
         return np.asarray(found.x * scale)
 
-    def _along(self, cost: Callable[[Floats], tuple[float, Floats]], point: Point, turn: int) -> Floats:
+    def _along(self, cost: Callable[[Floats], tuple[float, Floats]], point: EMPoint, turn: int) -> Floats:
         own = np.arange(len(self.free)) == turn % len(self.free)
         found = minimize(
             lambda v: cost(np.where(own, v, point.free))[0],
@@ -347,9 +347,9 @@ def settled(iterates: Floats) -> bool:
     return bool(np.all(np.abs(after.mean(axis=0) - before.mean(axis=0)) <= 2.0 * error))
 
 
-def _mean(points: Sequence[Point]) -> Point:
+def _mean(points: Sequence[EMPoint]) -> EMPoint:
     fields = ("free", "process", "measurement")
-    return Point(*(np.mean([getattr(p, name) for p in points], axis=0) for name in fields))
+    return EMPoint(*(np.mean([getattr(p, name) for p in points], axis=0) for name in fields))
 
 
 def _search_ranges(spec: ModelSpec, free: Sequence[str], given: Mapping[str, tuple[float, float]]) -> Floats:

@@ -22,7 +22,7 @@ _DEGREES = float(np.degrees(1.0))
 
 
 @dataclass(frozen=True)
-class Fault:
+class RecordingFault:
     """One thing that may be wrong.
 
     Attributes:
@@ -100,7 +100,7 @@ def family(signal: str) -> str:
 
 def catalogue(
     signals: Collection[str], scales: Mapping[str, float], twins: Mapping[str, tuple[str, ...]]
-) -> list[Fault]:
+) -> list[RecordingFault]:
     """Return what may be wrong with a recording of such signals.
 
     Args:
@@ -108,7 +108,7 @@ def catalogue(
         scales: SI units per unit of the channel as the map has it, by signal.
         twins: All signals that are read from the channel of a signal; they are wrong together.
     """
-    found: list[Fault] = []
+    found: list[RecordingFault] = []
     placed = {"latitude", "longitude"} <= set(signals)
     single = [s for s in signals if not (placed and s.startswith("position"))]
     seen: set[tuple[str, ...]] = set()
@@ -120,36 +120,38 @@ def catalogue(
         found += _of_one(signal, together)
     if placed:
         place = ("latitude", "longitude")
-        found.append(Fault(UNIT, place, _DEGREES, 0.0, _COMMON, "radians where the map says degrees"))
-        found.append(Fault(UNIT, place, 1 / _DEGREES, 0.0, _COMMON, "degrees where the map says radians"))
-        found.append(Fault(SIGN, ("longitude",), -1.0, 0.0, _SELDOM, "counted the other way"))
+        found.append(RecordingFault(UNIT, place, _DEGREES, 0.0, _COMMON, "radians where the map says degrees"))
+        found.append(RecordingFault(UNIT, place, 1 / _DEGREES, 0.0, _COMMON, "degrees where the map says radians"))
+        found.append(RecordingFault(SIGN, ("longitude",), -1.0, 0.0, _SELDOM, "counted the other way"))
     elif {"position_x", "position_y"} <= set(signals):
-        found += [Fault(UNIT, ("position_x", "position_y"), f, 0.0, p, words) for f, p, words in _UNITS["any"]]
+        found += [RecordingFault(UNIT, ("position_x", "position_y"), f, 0.0, p, words) for f, p, words in _UNITS["any"]]
     return found + _exchanges(single, scales, twins)
 
 
-def _of_one(signal: str, together: tuple[str, ...]) -> list[Fault]:
+def _of_one(signal: str, together: tuple[str, ...]) -> list[RecordingFault]:
     """Return what may be wrong with one channel."""
     kind = family(signal)
     found = []
     if not signal.startswith("position"):
         units = (*_UNITS.get(kind, ()), *(_UNITS["any"] if kind != "angle" else ()))
-        found += [Fault(UNIT, together, factor, 0.0, prior, words) for factor, prior, words in units]
+        found += [RecordingFault(UNIT, together, factor, 0.0, prior, words) for factor, prior, words in units]
     if signal == "heading":
         found += [
-            Fault(HEADING, together, float(sign), float(np.radians(turn)), prior, words)
+            RecordingFault(HEADING, together, float(sign), float(np.radians(turn)), prior, words)
             for sign, turn, prior, words in _CONVENTIONS
         ]
     elif signal not in _NEVER_REVERSED:
         found.append(
-            Fault(SIGN, together, -1.0, 0.0, _SELDOM if signal.startswith("position") else _COMMON, "wrong sign")
+            RecordingFault(
+                SIGN, together, -1.0, 0.0, _SELDOM if signal.startswith("position") else _COMMON, "wrong sign"
+            )
         )
     return found
 
 
 def _exchanges(
     signals: Sequence[str], scales: Mapping[str, float], twins: Mapping[str, tuple[str, ...]]
-) -> list[Fault]:
+) -> list[RecordingFault]:
     """Return the pairs of channels that may be exchanged, with their units or without."""
     found = []
     for one, other in combinations(sorted(signals), 2):
@@ -157,18 +159,20 @@ def _exchanges(
             continue
         like = SIGNALS[one].unit == SIGNALS[other].unit
         prior = _EXCHANGE_LIKE if like else _EXCHANGE_ANY
-        found.append(Fault(EXCHANGED, (one, other), 1.0, 0.0, prior, "exchanged"))
+        found.append(RecordingFault(EXCHANGED, (one, other), 1.0, 0.0, prior, "exchanged"))
         ratio = scales.get(one, 1.0) / scales.get(other, 1.0)
         if not like or abs(np.log(abs(ratio))) > 1e-6:
             found.append(
-                Fault(EXCHANGED, (one, other), ratio, 0.0, prior - 1.0, "exchanged, their units in the right place")
+                RecordingFault(
+                    EXCHANGED, (one, other), ratio, 0.0, prior - 1.0, "exchanged, their units in the right place"
+                )
             )
     return found
 
 
-def times() -> list[Fault]:
+def times() -> list[RecordingFault]:
     """Return the units of time that may be meant."""
-    return [Fault(TIME, (), factor, 0.0, prior, words) for factor, prior, words in _TIMES]
+    return [RecordingFault(TIME, (), factor, 0.0, prior, words) for factor, prior, words in _TIMES]
 
 
 SCALE, OFFSET, DELAY, DRIFT = "scale", "offset", "delay", "drift"

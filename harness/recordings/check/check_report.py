@@ -24,7 +24,7 @@ from harness.models.quantities import print_unit, quantity, words
 from harness.models.signals import TRUTH
 from harness.recordings.check import remedy
 from harness.recordings.check.axle_curves import Axle
-from harness.recordings.check.run import Findings
+from harness.recordings.check.run import CheckFindings
 from harness.recordings.motion.consistency import DISAGREES, in_report_unit, verdicts
 from harness.recordings.motion.pair_fit import Agreement
 from harness.recordings.read.span import named
@@ -257,7 +257,7 @@ def agreement_rows(fits: tuple[Agreement, ...]) -> list[list[str]]:
     return rows
 
 
-def answer(findings: Findings) -> list[str]:
+def answer(findings: CheckFindings) -> list[str]:
     """Return the answer in sentences: what was compared, what is wrong, and what the mended map comes to."""
     said = [f"{findings.summary}."]
     if findings.remedy is not None:
@@ -271,7 +271,7 @@ def answer(findings: Findings) -> list[str]:
     return said
 
 
-def print_findings(findings: Findings, console: Console) -> None:
+def print_findings(findings: CheckFindings, console: Console) -> None:
     """Print what the recording holds, how its signals agree, what is wrong, and the lines that mend the map."""
     console.print(Text(_read(findings.recording), style="bold"))
     tables = ((CONTENT, content_rows(findings.recording)), (AGREEMENT, agreement_rows(findings.fits)))
@@ -305,7 +305,7 @@ def _axle_sentence(axle: Axle) -> str:
     )
 
 
-def write_check(findings: Findings, out: Path) -> list[Path]:
+def write_check(findings: CheckFindings, out: Path) -> list[Path]:
     """Write ``check.html``, ``check.pdf``, ``check.json`` and ``signals.npz``, and the mended map where there is one.
 
     Returns:
@@ -327,7 +327,7 @@ def write_check(findings: Findings, out: Path) -> list[Path]:
     return written
 
 
-def _record(findings: Findings) -> dict[str, Any]:
+def _record(findings: CheckFindings) -> dict[str, Any]:
     """Return ``check.json``: what was found in words, the signals each of it concerns, and the comparisons."""
     attrs = findings.recording.attrs
     return {
@@ -362,7 +362,7 @@ def _compared(fit: Agreement) -> dict[str, Any]:
     }
 
 
-def _over_time(findings: Findings) -> bytes:
+def _over_time(findings: CheckFindings) -> bytes:
     """Return ``signals.npz``: series ``recording`` with all signals, SI, and one for each comparison by its number."""
     recording = findings.recording
     time = recording["time"].values.astype(float)
@@ -374,7 +374,7 @@ def _over_time(findings: Findings) -> bytes:
     return packed(found)
 
 
-def _found(findings: Findings) -> list[Block]:
+def _found(findings: CheckFindings) -> list[Block]:
     attrs, warnings = findings.recording.attrs, findings.warnings
     first, *rest = answer(findings)
     read = plain(f"{_read(findings.recording)}. {attrs['source']}")
@@ -386,21 +386,21 @@ def _found(findings: Findings) -> list[Block]:
     return blocks
 
 
-def _agreement(findings: Findings) -> list[Block]:
+def _agreement(findings: CheckFindings) -> list[Block]:
     if not findings.fits:
         return []
     rows = agreement_rows(findings.fits)
     return [*agreement(findings.fits), Sheet(AGREEMENT, rows, _AGREEMENT_CAPTION, left=3)]
 
 
-def _axles(findings: Findings) -> list[Block]:
+def _axles(findings: CheckFindings) -> list[Block]:
     if not findings.axles:
         return []
     sentences = Bullets([plain(_axle_sentence(axle)) for axle in findings.axles])
     return [Heading("What do the axles do?"), sentences, axles(findings.axles)]
 
 
-def _content(findings: Findings) -> list[Block]:
+def _content(findings: CheckFindings) -> list[Block]:
     rows = content_rows(findings.recording)
     sheet = Sheet(CONTENT, rows, _CONTENT_CAPTION, left=3)
     return [Heading("What the file holds"), *signals(findings.recording), sheet]

@@ -17,8 +17,8 @@ from harness.models.quantities import listed, print_unit
 from harness.models.signals import SIGNALS
 from harness.recordings.check.axle_curves import signals_of
 from harness.recordings.check.calibration import causes
-from harness.recordings.check.causes import DELAY, DRIFT, EXCHANGED, SCALE, TIME, Cause, Fault
-from harness.recordings.check.explain import Hypothesis, Search
+from harness.recordings.check.causes import DELAY, DRIFT, EXCHANGED, SCALE, TIME, Cause, RecordingFault
+from harness.recordings.check.explain import FaultHypothesis, FaultSearch
 from harness.recordings.check.remedy import SURE, worth_mending
 from harness.recordings.motion.consistency import AGREES, DISAGREES, Origin, SmoothedSignals, check, compare
 from harness.recordings.motion.pair_fit import Agreement
@@ -82,13 +82,13 @@ class Examination:
     """
 
     fits: tuple[Agreement, ...]
-    hypotheses: tuple[Hypothesis, ...]
+    hypotheses: tuple[FaultHypothesis, ...]
     causes: tuple[Cause, ...]
     mended: tuple[Agreement, ...]
     findings: tuple[Finding, ...]
 
     @property
-    def faults(self) -> tuple[Fault, ...]:
+    def faults(self) -> tuple[RecordingFault, ...]:
         """The most probable faults of the catalogue, those that are sure: of two that explain alike none is mended."""
         return tuple(f for f in self.hypotheses[0].faults if _probability(f, self.hypotheses) > SURE)
 
@@ -110,11 +110,11 @@ def examine(
     origins = _origins(recording, clocks or {})
     fits = check(signals, step, derived, origins)
     if backwards := _backwards(signals, step):  # what else there is shows once the speed has its sign
-        return Examination(tuple(fits), (Hypothesis((), 1.0),), (), tuple(fits), tuple(backwards))
+        return Examination(tuple(fits), (FaultHypothesis((), 1.0),), (), tuple(fits), tuple(backwards))
     dead = [*_dead(signals, fits), *_upright(signals)]
     measured = {n: v for n, v in signals.items() if n in SIGNALS and n not in derived and n not in dead}
     twins = _twins(recording, measured)
-    search = Search(measured, step, scales or {}, twins)
+    search = FaultSearch(measured, step, scales or {}, twins)
     hypotheses = sorted(search.best(), key=lambda h: bool(h.faults) or h.posterior < 1 - _LIKELY)  # nothing first
     faults = hypotheses[0].faults
     forms, factor = search.mended.forms(faults)
@@ -210,14 +210,14 @@ def _origins(recording: xr.Dataset, clocks: Mapping[str, int]) -> dict[str, Orig
     return found
 
 
-def _probability(fault: Fault, hypotheses: Sequence[Hypothesis]) -> float:
+def _probability(fault: RecordingFault, hypotheses: Sequence[FaultHypothesis]) -> float:
     """Return how probable a fault of the catalogue is, by all hypotheses that have it."""
     return sum(h.posterior for h in hypotheses if fault in h.faults)
 
 
 def _findings(
     fits: list[Agreement],
-    hypotheses: list[Hypothesis],
+    hypotheses: list[FaultHypothesis],
     small: list[Cause],
     worth: list[Cause],
     after: list[Agreement],
@@ -258,7 +258,7 @@ def _numbers(fit: Agreement) -> str:
     return fit.evidence if np.isfinite(fit.slope) else ""
 
 
-def described(fault: Fault) -> str:
+def described(fault: RecordingFault) -> str:
     """Say what one fault of the catalogue is."""
     if fault.kind == TIME:
         return f"time: in {fault.words}"
@@ -268,7 +268,7 @@ def described(fault: Fault) -> str:
     return f"{listed(fault.signals)}: {verb}{fault.words}"
 
 
-def _either(faults: tuple[Fault, ...]) -> str:
+def _either(faults: tuple[RecordingFault, ...]) -> str:
     return " with ".join(described(f) for f in faults) or "nothing of the catalogue"
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.models.signals import SIGNALS
-from harness.recordings.check.causes import EXCHANGED, SIGN, TIME, UNIT, Fault, catalogue, times
+from harness.recordings.check.causes import EXCHANGED, SIGN, TIME, UNIT, RecordingFault, catalogue, times
 from harness.recordings.motion.consistency import applicable, tolerance
 from harness.recordings.motion.kinematics import local_polynomial
 from harness.recordings.motion.pair_fit import without
@@ -61,7 +61,7 @@ class Form:
 
 
 @dataclass(frozen=True)
-class Hypothesis:
+class FaultHypothesis:
     """A set of faults.
 
     Attributes:
@@ -69,7 +69,7 @@ class Hypothesis:
         posterior: Its probability among all that were looked at.
     """
 
-    faults: tuple[Fault, ...]
+    faults: tuple[RecordingFault, ...]
     posterior: float
 
 
@@ -87,7 +87,7 @@ class Mended:
         self._values: dict[Form, Floats] = {}
         self._smooth: dict[tuple[Form, float, int], Floats] = {}
 
-    def forms(self, faults: Sequence[Fault]) -> tuple[dict[str, Form], float]:
+    def forms(self, faults: Sequence[RecordingFault]) -> tuple[dict[str, Form], float]:
         """Return every signal as a set of faults has it, and the factor of the time."""
         found = {name: Form(name) for name in self.signals}
         time = 1.0
@@ -164,7 +164,7 @@ class View:
         return self.mended.smooth(self.signals[name], self._step, derivative)
 
 
-class Search:
+class FaultSearch:
     """Scores hypotheses about one recording.
 
     Args:
@@ -188,9 +188,9 @@ class Search:
             tied |= {"latitude", "longitude"}
         self.faults = [*catalogue([n for n in signals if n in tied], scales, twins), *times()]
         self._sizes = {n: float(np.nanpercentile(np.abs(v), 95)) for n, v in signals.items() if np.isfinite(v).any()}
-        self._misfits: dict[tuple[object, ...], Misfit] = {}
+        self._misfits: dict[tuple[object, ...], RelationMisfit] = {}
 
-    def misfits(self, faults: Sequence[Fault]) -> list[Misfit]:
+    def misfits(self, faults: Sequence[RecordingFault]) -> list[RelationMisfit]:
         """Return the misfit of every relation under a hypothesis."""
         forms, time = self.mended.forms(faults)
         step = self.mended.step * time
@@ -203,7 +203,7 @@ class Search:
             found.append(self._misfits[key])
         return found
 
-    def score(self, faults: Sequence[Fault]) -> float:
+    def score(self, faults: Sequence[RecordingFault]) -> float:
         """Return the logarithm of likelihood times prior."""
         forms, time = self.mended.forms(faults)
         total = self._likelihood(faults) + sum(f.log_prior for f in faults)
@@ -214,16 +214,16 @@ class Search:
                 total -= (np.log(size / usual) / _SPREAD) ** 2 / 2
         return float(total)
 
-    def _likelihood(self, faults: Sequence[Fault]) -> float:
+    def _likelihood(self, faults: Sequence[RecordingFault]) -> float:
         """Return the logarithm of the likelihood; what only a hypothesis makes lively does not confirm it."""
         pairs = zip(self.misfits(faults), self.misfits(()), strict=True)
         return sum(min(m.likelihood, 0.0) if plain.calm and not m.calm else m.likelihood for m, plain in pairs)
 
-    def best(self) -> list[Hypothesis]:
+    def best(self) -> list[FaultHypothesis]:
         """Return the probable hypotheses, the best first; no fault at all is one of them."""
-        scores: dict[tuple[Fault, ...], float] = {(): self.score(())}
-        seen = {frozenset[Fault]()}
-        frontier: list[tuple[Fault, ...]] = [()]
+        scores: dict[tuple[RecordingFault, ...], float] = {(): self.score(())}
+        seen = {frozenset[RecordingFault]()}
+        frontier: list[tuple[RecordingFault, ...]] = [()]
         for _ in range(_DEPTH):
             grown = []
             for faults in frontier:
@@ -247,10 +247,12 @@ class Search:
         total = sum(weights.values())
         ranked = sorted(weights, key=lambda f: -weights[f])
         return [
-            Hypothesis(f, float(weights[f] / total)) for f in ranked if weights[f] / total > _LISTED or f == ranked[0]
+            FaultHypothesis(f, float(weights[f] / total))
+            for f in ranked
+            if weights[f] / total > _LISTED or f == ranked[0]
         ]
 
-    def _silenced(self, faults: Sequence[Fault], fault: Fault) -> bool:
+    def _silenced(self, faults: Sequence[RecordingFault], fault: RecordingFault) -> bool:
         """Tell whether signals in another unit or sign, or exchanged, fit hardly better than ones that are zero.
 
         A term that is mostly noise fits the better the smaller it is made, in whatever unit.
@@ -260,7 +262,7 @@ class Search:
         zero = replace(fault, kind=UNIT, factor=0.0)
         return self._likelihood((*faults, fault)) < self._likelihood((*faults, zero)) - np.log(_LISTED)
 
-    def _further(self, faults: Sequence[Fault], failing: Sequence[int]) -> list[Fault]:
+    def _further(self, faults: Sequence[RecordingFault], failing: Sequence[int]) -> list[RecordingFault]:
         """Return the faults that bear on a relation that still fails, of which none is there yet.
 
         Two channels are exchanged only where one of their relations is lively: of two calm ones the livelier fits.
@@ -276,7 +278,7 @@ class Search:
                 names |= {"latitude", "longitude"}
         odd_step = abs(np.log(self.mended.step / _USUAL_STEP)) > 2 * _SPREAD
 
-        def bears(fault: Fault) -> bool:
+        def bears(fault: RecordingFault) -> bool:
             if fault.kind == TIME:
                 return odd_step
             return bool(set(fault.signals) & (loud if fault.kind == EXCHANGED else touched))
@@ -285,7 +287,7 @@ class Search:
 
 
 @dataclass(frozen=True)
-class Misfit:
+class RelationMisfit:
     """How well both sides of a relation agree.
 
     Attributes:
@@ -315,13 +317,13 @@ def sides(relation: Relation, view: View) -> tuple[Floats, Floats]:
         return view.rate(relation.signal, relation.order), relation.compute(view)  # type: ignore[arg-type]
 
 
-def _misfit(relation: Relation, view: View) -> Misfit:
+def _misfit(relation: Relation, view: View) -> RelationMisfit:
     """Return the misfit of a relation under a hypothesis."""
     measured, computed = _without_arm(relation, view, *sides(relation, view))
     both = np.isfinite(measured) & np.isfinite(computed)
     spacing = view.spacing(relation.signal)
     if both.sum() < 20:
-        return Misfit()
+        return RelationMisfit()
     independent = float(np.clip(both.sum() * spacing / _MEMORY, *_COUNTED))
     if relation.circular:
         q, free, floor = float(1 - np.cos(measured - computed)[both].mean()), 0.0, 0.01
@@ -333,7 +335,7 @@ def _misfit(relation: Relation, view: View) -> Misfit:
     at_best = -independent / 2 * float(np.log(relation.misfit**2 / 2))
     likelihood = -independent / 2 * float(np.log(min((q + floor) / (1 + floor), 2.0)))
     found = max(likelihood - free, 0.0) if likelihood > 0 else likelihood * float(np.exp(-free))
-    return Misfit(q, found, at_best, free, _calm(relation, measured[both], computed[both]))
+    return RelationMisfit(q, found, at_best, free, _calm(relation, measured[both], computed[both]))
 
 
 def _calm(relation: Relation, measured: Floats, computed: Floats) -> bool:

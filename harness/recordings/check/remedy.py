@@ -28,7 +28,7 @@ from harness.recordings.check.causes import (
     SIGN,
     TIME,
     Cause,
-    Fault,
+    RecordingFault,
     corrected,
 )
 from harness.recordings.check.responses import tells
@@ -148,7 +148,7 @@ def listed(content: Mapping[str, Any]) -> dict[str, Any]:
 
 def mended(
     content: Mapping[str, Any],
-    faults: Sequence[Fault],
+    faults: Sequence[RecordingFault],
     causes: Sequence[Cause],
     clocks: Mapping[int, str],
     duration: float,
@@ -199,7 +199,7 @@ def _table(value: Mapping[str, Any]) -> str:
     return "{ " + ", ".join(parts) + " }"
 
 
-def _mend(content: dict[str, Any], fault: Fault) -> None:
+def _mend(content: dict[str, Any], fault: RecordingFault) -> None:
     """Take one fault out of a map, in place."""
     if fault.kind == TIME:
         for clock in content.get("time", []):

@@ -26,7 +26,7 @@ from harness.recordings.read.load import recording_of
 from harness.recordings.read.span import Span, file_and_span, part_of
 from harness.recordings.readers import Table
 
-__all__ = ["Findings", "Remedy", "check_recording", "check_tables"]
+__all__ = ["CheckFindings", "MapRemedy", "check_recording", "check_tables"]
 
 _ROUNDS = 3
 """Times that a mended map is examined again: a large fault hides a small one."""
@@ -40,7 +40,7 @@ _Examined = tuple[xr.Dataset, Examination, frozenset[str]]
 
 
 @dataclass(frozen=True)
-class Remedy:
+class MapRemedy:
     """A channel map that mends what was found, and what it comes to.
 
     Attributes:
@@ -60,7 +60,7 @@ class Remedy:
 
 
 @dataclass(frozen=True)
-class Findings:
+class CheckFindings:
     """What a check found.
 
     Attributes:
@@ -74,7 +74,7 @@ class Findings:
     recording: xr.Dataset
     examination: Examination
     found: tuple[Finding, ...]
-    remedy: Remedy | None = None
+    remedy: MapRemedy | None = None
     axles: list[Axle] = field(default_factory=list)
 
     @property
@@ -98,7 +98,7 @@ def check_recording(
     channels: str | Path | Mapping[str, Any] | None = None,
     parameters: str | None = None,
     fit_error: FitError | None = None,
-) -> Findings:
+) -> CheckFindings:
     """Read a recording and compare its signals with each other.
 
     Args:
@@ -119,7 +119,7 @@ def check_recording(
     return with_axles(check_tables(readers.read_tables(path), str(path), content, span, fit_error), parameters)
 
 
-def with_axles(found: Findings, parameters: str | None) -> Findings:
+def with_axles(found: CheckFindings, parameters: str | None) -> CheckFindings:
     """Return findings with the curves of the axles, if the parameters of a car are given and its motion is recorded."""
     if parameters is None:
         return found
@@ -137,7 +137,7 @@ def check_tables(
     content: Mapping[str, Any] | None = None,
     span: Span | None = None,
     fit_error: FitError | None = None,
-) -> Findings:
+) -> CheckFindings:
     """Compare the signals of what a reader returned with each other.
 
     Args:
@@ -154,7 +154,7 @@ def check_tables(
     recording, examination, _ = _examined(tables, file, given, span)
     found = list(examination.findings)
     after, last = given, examination
-    mended: Remedy | None = None
+    mended: MapRemedy | None = None
     for _ in range(_ROUNDS):
         better = _mended(tables, after, last, recording)
         if better == after:
@@ -164,18 +164,21 @@ def check_tables(
             _, last, estimated = _examined(tables, file, after, span)
         except UserError:
             break
-        mended = Remedy(after, tuple(remedy.lines(given, after)), last.fits)
+        mended = MapRemedy(after, tuple(remedy.lines(given, after)), last.fits)
         found = [f for f in found if f.mends and not (f.kind == DELAY and estimated & set(f.signals))]
         found += last.findings
-    findings = Findings(recording, examination, tuple(_once(found)), mended)
+    findings = CheckFindings(recording, examination, tuple(_once(found)), mended)
     if mended is None or fit_error is None:
         return findings
     return tried_by_fit(findings, given, lambda c: _examined(tables, file, c, span), fit_error)
 
 
 def tried_by_fit(
-    findings: Findings, given: Mapping[str, Any], examined: Callable[[dict[str, Any]], _Examined], fit_error: FitError
-) -> Findings:
+    findings: CheckFindings,
+    given: Mapping[str, Any],
+    examined: Callable[[dict[str, Any]], _Examined],
+    fit_error: FitError,
+) -> CheckFindings:
     """Withdraw the lines of the mended map with which the nominal model fits worse than without them.
 
     Args:
@@ -207,7 +210,7 @@ def tried_by_fit(
         judged.append(finding)
     mended = None
     if content != given:
-        mended = Remedy(content, tuple(remedy.lines(given, content)), examined(content)[1].fits)
+        mended = MapRemedy(content, tuple(remedy.lines(given, content)), examined(content)[1].fits)
     return replace(findings, found=tuple(judged), remedy=mended)
 
 

@@ -131,7 +131,7 @@ def choose(candidates: Sequence[Guess], motion: Motion, seen: Witness) -> Chosen
         motion: Their series.
         seen: What heading and positions say.
     """
-    sums = _Sums(motion, seen)
+    sums = _ChoiceEvidence(motion, seen)
     kept = {g.signal: g for g in _jointly(candidates, sums)}
     settled = {s for r in sums.relations(kept) if r.agrees for s in r.signals}
     for g in [g for s, g in kept.items() if s in WHEELBASES]:
@@ -155,7 +155,7 @@ def choose(candidates: Sequence[Guess], motion: Motion, seen: Witness) -> Chosen
     return Chosen(kept, [r for r in sums.relations(kept) if np.isfinite(r.factor)], lost)
 
 
-def _jointly(candidates: Sequence[Guess], sums: _Sums) -> list[Guess]:
+def _jointly(candidates: Sequence[Guess], sums: _ChoiceEvidence) -> list[Guess]:
     """Return the columns of speed, yaw rate, accelerations and steering that together count most.
 
     That a steering angle or longitudinal acceleration contradicts a speed counts against itself, not against the speed.
@@ -189,7 +189,7 @@ def _doubtful(g: Guess, candidates: Sequence[Guess]) -> bool:
     return any(g.usual - o.usual < _DOUBT for o in others)
 
 
-class _Sums:
+class _ChoiceEvidence:
     """What guesses count alone and together."""
 
     def __init__(self, motion: Motion, seen: Witness) -> None:
@@ -289,7 +289,7 @@ class _Sums:
         return self._kept[key]
 
 
-def _lost(candidates: Sequence[Guess], kept: Mapping[str, Guess], sums: _Sums) -> dict[str, str]:
+def _lost(candidates: Sequence[Guess], kept: Mapping[str, Guess], sums: _ChoiceEvidence) -> dict[str, str]:
     """Return why each column that is not taken is not."""
     taken, lost = {g.column for g in kept.values()}, dict[str, str]()
     by_column = itertools.groupby(sorted(candidates, key=lambda g: (g.column, -g.points)), key=lambda g: g.column)
@@ -313,7 +313,7 @@ def _lost(candidates: Sequence[Guess], kept: Mapping[str, Guess], sums: _Sums) -
     return lost
 
 
-def _by_motion(g: Guess, kept: Mapping[str, Guess], sums: _Sums) -> float:
+def _by_motion(g: Guess, kept: Mapping[str, Guess], sums: _ChoiceEvidence) -> float:
     """Return what the motion of the others counts for a guess in the place of that of its signal."""
     speed, rate, across, along = ({**kept, g.signal: g}.get(s) for s in _JOINT)
     if g.signal in WHEELBASES:
@@ -324,7 +324,7 @@ def _by_motion(g: Guess, kept: Mapping[str, Guess], sums: _Sums) -> float:
     return points + sums.longitudinal(speed, along).points * (g.signal in (_JOINT[0], _JOINT[3]))
 
 
-def _lacking(g: Guess, kept: Mapping[str, Guess], sums: _Sums) -> str:
+def _lacking(g: Guess, kept: Mapping[str, Guess], sums: _ChoiceEvidence) -> str:
     """Say why a column is taken for nothing although its name may say a signal."""
     if g.sure >= ENOUGH and g.usual <= WORST / 2:
         return "its values are those of no vehicle"

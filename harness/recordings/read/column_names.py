@@ -183,7 +183,7 @@ TIME = re.compile(r"^(t|time|timestamp|zeit|clock|stamp|ts|utc)\b|\b(time|stamp|
 
 
 @dataclass(frozen=True)
-class Unit:
+class ColumnUnit:
     """A unit that file or name state.
 
     Attributes:
@@ -216,7 +216,7 @@ class Reading:
     """
 
     words: str
-    unit: Unit | None
+    unit: ColumnUnit | None
     signal: str = ""
     sure: float = 0.0
     why_not: str = ""
@@ -228,28 +228,28 @@ class Reading:
     symbol: bool = False
 
 
-def unit_of(text: str) -> Unit | None:
+def unit_of(text: str) -> ColumnUnit | None:
     """Return a unit by how it is written (``deg/s``, ``degps``, ``m_s2``, ``Km_h``, ``1/s``); None if it is none."""
     text = re.sub(r"[\[\](){}\"' ]+", " ", text).strip()
     if text == "kN":
-        return Unit(text, "")
+        return ColumnUnit(text, "")
     text = text.lower().translate(str.maketrans("²⁻¹", "2-1")).replace("/s/s", "/s^2")
     if text in _SHORT:
-        return Unit(*_SHORT[text])
+        return ColumnUnit(*_SHORT[text])
     match = _UNIT.fullmatch(text)
     if match is None:
-        return Unit(text, "") if _NO_MOTION.fullmatch(text) else None
+        return ColumnUnit(text, "") if _NO_MOTION.fullmatch(text) else None
     kind, part = _ATOMS[match["part"]]
     if match["per"] is None:
         si = {"angle": "rad", "length": "m", "gravity": "m/s^2", "time": "s"}.get(kind)
-        return None if si is None else Unit(part, si)
+        return None if si is None else ColumnUnit(part, si)
     per, power = _ATOMS[match["per"]][1], (match["power"] or "1").lstrip("-")
     if kind == "turns" or (kind == "plain" and per == "min"):
-        return Unit("rpm" if per == "min" else f"turn/{per}", "")
+        return ColumnUnit("rpm" if per == "min" else f"turn/{per}", "")
     if kind not in ("angle", "length", "plain") or per == "min":
         return None
     over = f"/{per}" if power == "1" else f"/{per}^2"
-    return Unit(part + over, ("m" if kind == "length" else "rad") + ("/s" if power == "1" else "/s^2"))
+    return ColumnUnit(part + over, ("m" if kind == "length" else "rad") + ("/s" if power == "1" else "/s^2"))
 
 
 @functools.lru_cache(maxsize=4096)
@@ -279,7 +279,7 @@ def read_name(column: str, by_file: str = "") -> Reading:
     )
 
 
-def _outcome(leaf: list[str], groups: list[list[str]], unit: Unit | None) -> tuple[str, float]:
+def _outcome(leaf: list[str], groups: list[list[str]], unit: ColumnUnit | None) -> tuple[str, float]:
     """Return the signal that the words of a name and of its groups mean and how surely; or why it is none."""
     if unit is not None and not unit.si:
         return f"!{unit.text} is the unit of no signal here", 0.0
@@ -323,7 +323,7 @@ def _by_rule(said: set[str]) -> str:
     return next((out for every, some, out in _RULES if every <= said and (not some or some & said)), "")
 
 
-def _without_unit(column: str) -> tuple[str, Unit | None]:
+def _without_unit(column: str) -> tuple[str, ColumnUnit | None]:
     """Return a name without its unit, which stands in brackets or at the end; other brackets stay as words."""
     unit = None
     column = re.sub(r"\[([012])\]", lambda place: f" {'xyz'[int(place[1])]}", column)  # of a vector

@@ -99,7 +99,7 @@ def smoothed(values: Floats, step: float, measured: Mask | None = None) -> Smoot
     if np.ptp(y[known]) == 0:
         nothing, exact = np.zeros(len(y)), np.zeros((len(y), 2, 2))
         return Smoothed(np.full(len(y), y[known][0]), nothing, exact, exact, nothing, 0.0, 0.0, 1, np.inf)
-    return max((_Search(y, step, rates).best() for rates in (1, 2)), key=lambda found: found.log_likelihood)
+    return max((_IntensitySearch(y, step, rates).best() for rates in (1, 2)), key=lambda found: found.log_likelihood)
 
 
 def resolution_of(values: Floats) -> float:
@@ -123,7 +123,7 @@ def run_lengths(values: Floats) -> Floats:
     return lengths
 
 
-class _Search:
+class _IntensitySearch:
     """Noise and intensity of a signal by maximum likelihood.
 
     Args:
