@@ -15,8 +15,8 @@ from harness.common.errors import UserError
 from harness.models.signals import SIGNALS
 from harness.recordings import load_recording
 from harness.recordings.check import axle_curves
-from harness.recordings.check.check_report import print_findings
 from harness.recordings.check.causes import EXCHANGED, catalogue
+from harness.recordings.check.check_report import print_findings
 from harness.recordings.check.examine import _upright, examine
 from harness.recordings.check.run import _finest, check_tables
 from harness.recordings.motion.consistency import AGREES, NOT_JUDGED, _differ, check, verdicts
