@@ -5,13 +5,14 @@
 
 from __future__ import annotations
 
-import argparse
 import ast
 import sys
 import tokenize
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+
+from harness.common.arguments import Parser
 
 ROOT = Path(__file__).parents[1]
 FEW_LINES, MANY_LINES = 100, 450
@@ -119,7 +120,7 @@ def counts(root: Path, folders: Sequence[str]) -> dict[str, int]:
 
 def main(arguments: Sequence[str]) -> None:
     """Print the counts."""
-    parser = argparse.ArgumentParser(prog="python -m bench.house", description=__doc__)
+    parser = Parser(prog="python -m bench.house", description=__doc__)
     parser.add_argument("folders", nargs="*", default=["harness"], help="packages of the checkout; harness if absent")
     for what, number in counts(ROOT, parser.parse_args(arguments).folders).items():
         print(f"{number:8,}  {what}")

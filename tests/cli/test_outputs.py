@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from harness.cli import identify_measured
 from harness.cli.main import app
 from harness.cli.outputs import RESULTS
 from harness.common.files import BUNDLED_STUDIES
+from reproductions import identify_measured
 
 ROOT = Path(__file__).parents[2]
 
@@ -73,7 +73,8 @@ def test_a_module_takes_an_option_once(tmp_path, capsys):
         identify_measured.main(["a.toml", "--out", str(tmp_path / "a"), "--out", str(tmp_path / "b")])
     assert ended.value.code == 2
     assert "argument --out: is given twice; give it once" in capsys.readouterr().err
-    own = [path.name for path in (ROOT / "harness").rglob("*.py") if "argparse.ArgumentParser(" in path.read_text()]
+    files = [path for top in ("harness", "reproductions", "bench") for path in (ROOT / top).rglob("*.py")]
+    own = [path.name for path in files if "= argparse.ArgumentParser(" in path.read_text(encoding="utf-8")]
     assert own == []  # harness.common.arguments.Parser it is
 
 
