@@ -11,8 +11,8 @@ from rich.console import Console
 from rich.text import Text
 
 from harness.cli.options import (
-    MOST,
     EffectOption,
+    JobsOption,
     ModelOptions,
     ParametersOption,
     RecordedSensorsOption,
@@ -89,9 +89,7 @@ def estimate(
         Literal["csv", "parquet", "nc"], typer.Option("--format", help="Of the files with the estimates over time.")
     ] = "csv",
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of estimators that draw random numbers.")] = 0,
-    jobs: Annotated[
-        int | None, typer.Option("--jobs", "-j", min=1, max=MOST, help="Threads; all cores if absent.")
-    ] = None,
+    jobs: JobsOption = None,
 ) -> None:
     """Run estimators on recordings: estimates and standard deviations of every state, innovations, NIS, errors.
 

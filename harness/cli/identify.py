@@ -12,6 +12,7 @@ from rich.text import Text
 from harness.cli.options import (
     MOST,
     EffectOption,
+    JobsOption,
     ParametersOption,
     RecordedSensorsOption,
     SetOption,
@@ -49,9 +50,7 @@ def identify(
     integrator: IntegratorOption = "rk4",
     substeps: Annotated[int, typer.Option("--substeps", min=1, max=MOST, help="Integration steps per sample.")] = 1,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the method's random numbers.")] = 0,
-    jobs: Annotated[
-        int | None, typer.Option("--jobs", "-j", min=1, max=MOST, help="Threads; all cores if absent.")
-    ] = None,
+    jobs: JobsOption = None,
 ) -> None:
     """Identify parameters of a model from recordings, with their uncertainty.
 

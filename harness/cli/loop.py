@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from harness.cli.options import MOST
+from harness.cli.options import JobsOption
 from harness.common.stages import showing
 
 
@@ -18,9 +18,7 @@ def loop(
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Folder of the results; results/loop-<name> if absent.")
     ] = None,
-    jobs: Annotated[
-        int | None, typer.Option("--jobs", "-j", min=1, max=MOST, help="Threads; all cores if absent.")
-    ] = None,
+    jobs: JobsOption = None,
 ) -> None:
     """Trace what a model lacks in the drives that a loop file names.
 

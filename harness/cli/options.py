@@ -61,6 +61,8 @@ DriveOption = Annotated[
     typer.Option("--option", metavar="NAME=VALUE", help='Option of the drive: amplitude="60 deg".'),
 ]
 
+JobsOption = Annotated[int | None, typer.Option("--jobs", "-j", min=1, max=MOST, help="Threads; all cores if absent.")]
+
 
 def answers_errors(command: Callable[[Sequence[str]], None]) -> Callable[[Sequence[str]], int]:
     """Let the command of a module return its exit status, see ``harness.cli.guard``."""

@@ -12,6 +12,7 @@ from rich.text import Text
 from harness.cli.options import (
     MOST,
     EffectOption,
+    JobsOption,
     ParametersOption,
     RecordedSensorsOption,
     SetOption,
@@ -55,9 +56,7 @@ def trace(
     repeats: Annotated[
         int, typer.Option("--repeats", min=1, max=MOST, help="Noise realisations of each level of that study.")
     ] = 8,
-    jobs: Annotated[
-        int | None, typer.Option("--jobs", "-j", min=1, max=MOST, help="Threads; all cores if absent.")
-    ] = None,
+    jobs: JobsOption = None,
 ) -> None:
     """Find the physical effect that a model lacks or the parameter that is wrong, and how much the model improves.
 

@@ -13,6 +13,7 @@ from rich.text import Text
 from harness.cli.options import (
     MOST,
     EffectOption,
+    JobsOption,
     ModelOptions,
     ParametersOption,
     RecordedSensorsOption,
@@ -49,6 +50,10 @@ DesignOption = Annotated[
     str | None,
     typer.Option("--design", help="Design whose box the worst case is sought in; the study's first if absent."),
 ]
+BudgetOption = Annotated[int, typer.Option("--budget", min=1, max=MOST, help="Candidates per estimator of a study.")]
+RepeatsOption = Annotated[
+    int, typer.Option("--repeats", min=1, max=MOST, help="Noise realisations of each drive of a study.")
+]
 PointsOption = Annotated[
     int, typer.Option("--points", min=8, max=MOST, help="Points of that box; powers of two fill it best.")
 ]
@@ -67,12 +72,8 @@ def tune(
     drives: Annotated[
         str | None, typer.Option("--drives", help="Training drives: a name in studies/drives or a TOML file.")
     ] = None,
-    budget: Annotated[
-        int, typer.Option("--budget", min=1, max=MOST, help="Candidates per estimator of a study.")
-    ] = 240,
-    repeats: Annotated[
-        int, typer.Option("--repeats", min=1, max=MOST, help="Noise realisations of each drive of a study.")
-    ] = 1,
+    budget: BudgetOption = 240,
+    repeats: RepeatsOption = 1,
     only: Annotated[
         list[str] | None,
         typer.Option("--only", help="Estimator of a study, by name; repeatable; all if absent."),
@@ -104,9 +105,7 @@ def tune(
     inputs: InputsOption = "joined",
     integrator: IntegratorOption = "rk4",
     substeps: SubstepsOption = None,
-    jobs: Annotated[
-        int | None, typer.Option("--jobs", "-j", min=1, max=MOST, help="Threads; all cores if absent.")
-    ] = None,
+    jobs: JobsOption = None,
 ) -> None:
     """Tune the noise that estimators believe: of a study on its training drives, or with --data on recordings.
 
