@@ -125,13 +125,13 @@ def main() -> None:
     chosen = parser.parse_args()
     from playwright.sync_api import sync_playwright
 
-    if BROWSER is None:
-        sys.exit("needs Chromium on the PATH")
     with (
         served(chosen.mass.resolve()) as mass,
         served(chosen.trace.resolve()) as trace,
         sync_playwright() as playwright,
     ):
+        if BROWSER is None:
+            sys.exit("needs Chromium on the PATH")
         chromium = playwright.chromium.launch(executable_path=BROWSER, args=ARGUMENTS)
         for answer in answers(chromium, {"mass": mass, "trace": trace}):
             print(answer, flush=True)
