@@ -63,9 +63,9 @@ import dataclasses, sys, threading
 import numpy as np
 from harness.config import load_study
 from harness.engine import further_processes
-from harness.study import compiling
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
+from harness.study.run import compile_kernels
 from harness.cuda.on_card import CardEvaluator
 
 study = dataclasses.replace(load_study(sys.argv[1]), device="cuda")
@@ -205,7 +205,7 @@ def taking(end):
 further_processes._taken = taking
 further_processes.missing_kernels = lambda evaluator: list(range(evaluator.kernels))
 said = []
-compiling.compile_kernels(card, 2, said.append)
+compile_kernels(card, 2, said.append)
 assert taken[0] == 4, taken
 assert said[0] == "compiled simulation; 4 to go", said
 assert len(said) == 5, said
