@@ -22,17 +22,19 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from queue import SimpleQueue
+from threading import Lock
 from typing import Any
 
 from harness.common.arguments import Parser
 from harness.common.cache import cache_folder
+from harness.common.errors import UserError
 
 ROOT = Path(__file__).parents[1]
 CODE = (
     "harness/common/statistics.py", "harness/study/sobol_indices.py", "harness/study/scores.py",
-    "harness/estimation/methods/*.py", "harness/identification/input_effects.py", "harness/identification/driveable.py",
-    "harness/diagnosis/selection/*.py", "harness/recordings/check.py", "harness/recordings/consistency.py",
-    "harness/recordings/examine.py", "harness/recordings/faults.py", "models/assembly/*.py", "models/effects/*.py",
+    "harness/estimation/methods/*.py", "harness/identification/input_effects.py", "harness/identification/objective.py",
+    "harness/diagnosis/selection/*.py", "harness/recordings/check/*.py", "harness/recordings/motion/*.py",
+    "harness/runner/*.py", "models/assembly/*.py", "models/effects/*.py",
 )  # fmt: skip
 OUT_OF_TIME = "out of time"
 MOST_TESTS = 3
@@ -86,6 +88,8 @@ def sites(node: ast.AST) -> Iterator[ast.expr | ast.stmt]:
 def mutants(seed: int, count: int) -> list[dict[str, Any]]:
     """Draw mutants: file, line, what stood there, what stands there now, and the whole text of the file."""
     found = []
+    if gone := [pattern for pattern in CODE if not any(ROOT.glob(pattern))]:
+        raise UserError(f"bench/mutation.py: CODE: no file is {', '.join(gone)}")
     for path in sorted(p for pattern in CODE for p in ROOT.glob(pattern)):
         text = path.read_bytes()
         starts = [0, *(m.end() for m in re.finditer(b"\n", text))]
@@ -174,6 +178,7 @@ def main() -> int:
         trees.put(copied(out, number))
 
     def judged(mutant: dict[str, Any]) -> dict[str, Any]:
+        """Return a mutant with the test that saw it, and keep it in the file of the run."""
         tree, file = trees.get(), mutant["file"]
         try:
             (tree / file).write_bytes(mutant.pop("text"))
@@ -184,11 +189,14 @@ def main() -> int:
         finally:
             trees.put(tree)
         print(f"{file}:{mutant['line']}: {mutant['old']} -> {mutant['new']}: {by or 'SURVIVED'}", flush=True)
+        with lock, kept.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(mutant | {"killed_by": by}) + "\n")
         return mutant | {"killed_by": by}
 
+    kept, lock = out / f"mutants-{given.seed}.jsonl", Lock()
+    kept.unlink(missing_ok=True)
     with ThreadPoolExecutor(given.jobs) as pool:
         found = list(pool.map(judged, mutants(given.seed, given.count)))
-    (out / f"mutants-{given.seed}.json").write_text(json.dumps(found, indent=1), encoding="utf-8")
     late = sum(m["killed_by"] == OUT_OF_TIME for m in found)
     ended = len(found) - late
     killed = sum(bool(m["killed_by"]) for m in found) - late

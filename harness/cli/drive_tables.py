@@ -68,7 +68,7 @@ def reference_peaks(
     ]
     inputs = {"steering_wheel_angle": steering, "speed": speed, "speed_rate": rate}
     x = np.zeros((len(model.states), *lanes))
-    bound = np.array([model.valid.get(s, np.inf) for s in model.states])[:, None, None]
+    bound = model.limits[:, None, None]
     peak, lost = np.zeros((len(WATCHED), *lanes)), np.zeros(lanes, dtype=bool)
     for k in range(lengths.max()):
         u = [np.broadcast_to(inputs[i][:, k, None], lanes) for i in model.inputs]

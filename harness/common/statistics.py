@@ -351,3 +351,24 @@ def tail_mean(values: ArrayLike, share: float = 0.05) -> float:
     weights = np.clip(left, 0.0, 1.0)
     counted = weights > 0
     return float(np.sum(largest[counted] * weights[counted]) / np.sum(weights))
+
+
+WORSE = 0.05
+"""Share by which a mean square error must grow to count as worse."""
+
+_SURE, _DRAWS = 0.975, 1000
+"""Share of the draws of a block bootstrap in which it must grow, and their number."""
+
+
+def grows(growth: Floats) -> bool:
+    """Return whether a mean square error grows by more than ``WORSE``, and surely.
+
+    Args:
+        growth: Growth of the squared error in blocks of the drives, over its mean before ``(blocks,)``; what is not
+            finite does not count.
+    """
+    usable = growth[np.isfinite(growth)]
+    if not usable.size or usable.mean() < WORSE:
+        return False
+    drawn = np.random.default_rng(0).integers(len(usable), size=(_DRAWS, len(usable)))
+    return bool(np.mean(usable[drawn].mean(axis=1) > 0) >= _SURE)

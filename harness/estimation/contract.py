@@ -221,10 +221,10 @@ class Estimator:
             self._memory_size = int(file.memory_size(chosen, compiled))
         kernels = kernels_of(file, uncertain, parameters=bool(compiled.model.within))
         self._kernels = load_source(f"estimate_{kind}", paste(compiled, kind, [estimate], kernels | SCORES))
-        valid, first = compiled.model.valid, compiled.model.start_variance
+        first = compiled.model.start_variance
         sizes = [[first[s], 1.0 if s in compiled.model.relative else first[s]] for s in compiled.model.within]
         self.priors = np.reshape(np.array(sizes, dtype=float), (-1, 2))
-        self.limits = np.array([valid.get(name, np.inf) for name in compiled.model.states])
+        self.limits = compiled.model.limits
         self.bounds = chi_square_bounds(1 + max(compiled.nx, compiled.ny))
         self._no_errors = np.empty((1, compiled.nu, 0, LANES))
         self._told: dict[tuple[tuple[str, ...], int], tuple[NDArray[np.int64], NDArray[np.bool_] | None, Floats]] = {}

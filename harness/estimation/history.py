@@ -66,7 +66,6 @@ class FollowedEstimator:
         kernels |= (RECORDING if recorded else BATCH) | HISTORY
         source = paste(compiled, f"follow_{kind}", [follow_filter], kernels)
         self._loop = load_source(f"follow_{kind}", source).follow_filter
-        self._limits = np.array([compiled.model.valid.get(name, np.inf) for name in compiled.model.states])
 
     def run(
         self,
@@ -90,5 +89,5 @@ class FollowedEstimator:
         rows = np.empty(0, dtype=np.int64) if rows is None else rows
         history = History.empty(len(source[0]), self.compiled, of_state, of_signals, len(rows))
         kept: tuple[Any, ...] = tuple(vars(history).values())
-        self._loop(source, belief, first, self._limits, rows, kept)
+        self._loop(source, belief, first, self.compiled.model.limits, rows, kept)
         return history

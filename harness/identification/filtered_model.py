@@ -155,7 +155,7 @@ class FilteredModel(ABC):
             "run_free", paste(self.compiled, "run_free", [time_loops.run_free], time_loops.FREE_RUN)
         )
         self._follow = load_source("follow", paste(self.duals, "follow", [time_loops.follow]))
-        self._limits = np.array([model.valid.get(name, np.inf) for name in model.states])
+        self._limits = model.limits
         starts = started_by(model)
         self._started, self._starts = list(starts), list(starts.values())
         sources = [model.rates.get(name, name) for name in model.inputs]

@@ -14,6 +14,7 @@ import numpy as np
 from harness.common.arrays import Floats
 from harness.common.files import write_files
 from harness.common.series import packed
+from harness.common.statistics import grows
 from harness.config.parameter_set import set_text
 from harness.identification.contract import Estimate, Fit, Problem
 from harness.identification.data import Drive
@@ -147,15 +148,6 @@ def judge(problem: Problem, fit: Fit, held_out: tuple[Drive, ...] = ()) -> list[
     return found
 
 
-WORSE = 0.05
-"""Share by which the mean square of the simulation error must grow for a fit to have failed."""
-
-SURE = 0.975
-"""Share of the draws of a block bootstrap in which it must grow."""
-
-_DRAWS = 1000
-
-
 def failure(judged: Sequence[Judged]) -> str:
     """Return in a sentence why a fit failed; empty if it did not.
 
@@ -174,13 +166,9 @@ def failure(judged: Sequence[Judged]) -> str:
     errors = [[j.drive.measurements - s for s in j.free] for j in drives]
     power = np.nanmean(np.concatenate([before for before, _ in errors]) ** 2, axis=0)
     growth = np.concatenate([_growth(j.drive, e, power) for j, e in zip(drives, errors, strict=True)])
-    growth = growth[np.isfinite(growth)]
-    if not growth.size or growth.mean() < WORSE:
+    if not grows(growth):
         return ""
-    drawn = np.random.default_rng(0).integers(len(growth), size=(_DRAWS, len(growth)))
-    if np.mean(growth[drawn].mean(axis=1) > 0) < SURE:
-        return ""
-    factor = math.sqrt(1.0 + float(growth.mean()))
+    factor = math.sqrt(1.0 + float(np.mean(growth[np.isfinite(growth)])))
     return (
         f"The fit failed: with it the simulation error of the drives that were {which} is {factor:.3g} times what it "
         "was before. Do not use its values."

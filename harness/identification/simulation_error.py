@@ -137,8 +137,7 @@ class Misfit:
         self.compiled, self.free, self.drives, self.jobs = compiled, tuple(free), tuple(drives), jobs
         _check(compiled, self.free, self.drives)
         self._kernel = load_source("misfit", paste(compiled, "misfit", [squared_errors], MISFIT)).squared_errors
-        valid = compiled.model.valid
-        self._limits = np.array([valid.get(name, np.inf) for name in compiled.model.states])
+        self._limits = compiled.model.limits
         names = compiled.model.parameter_names
         self._values = [compiled.parameter_vector({**values, **(known or {}).get(d.name, {})}) for d in self.drives]
         self._rows = [

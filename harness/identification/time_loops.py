@@ -32,13 +32,14 @@ from harness.engine.simd.memory import borrowed, retain
 from harness.runner.filter_loop import (
     RECORDING,
     fill,
+    no_room,
     record_first,
     record_sample,
     recording_room,
     run_filter,
 )
 from harness.runner.limits import outside
-from harness.runner.simulation_loop import FREE, no_room, record_start, record_state, run_vehicle, state_room
+from harness.runner.simulation_loop import FREE, record_start, record_state, run_vehicle, state_room
 
 
 def innovate(source, belief, first, limits, total, notes):
@@ -70,13 +71,6 @@ def add_likelihood(k, state, previous, u_before, u, y, belief, work, info, room,
     put(get(total, 0) + get(info.log_likelihood, 0), total, 0)
     left = get(total, 1)
     put(select((outside(state.mean, limits) > 0.0) & (left > 1.0 * k), 1.0 * k, left), total, 1)
-
-
-def fill_table(values, numbers):
-    """Write a plain matrix, the same for all lanes."""
-    for i in range(numbers.shape[0]):
-        for j in range(numbers.shape[1]):
-            put(values[i, j], numbers, i, j)
 
 
 def scratchpad():

@@ -102,8 +102,8 @@ def read_first_of_batch(source, reading):
     return source[0][0]
 
 
-def room_of_batch():
-    """Return the room that reading a batch needs: next to none."""
+def no_room():
+    """Return next to no room, for what needs none."""
     return (np.empty((1, LANES)),)
 
 
@@ -123,8 +123,7 @@ def read_recording(source, k, before, belief, reading):
     fill(between[k - 1], u_before)
     fill(u[k], u_now)
     fill(y[k], y_now)
-    for i in range(errors.shape[1]):
-        fill(errors[k, i], belief.input_errors[i])
+    fill_table(errors[k], belief.input_errors)
     return u_before, u_now, y_now
 
 
@@ -143,6 +142,13 @@ def fill(values, numbers):
     """Write plain values, the same for all lanes."""
     for i in range(numbers.shape[0]):
         put(values[i], numbers, i)
+
+
+def fill_table(values, numbers):
+    """Write a plain matrix, the same for all lanes."""
+    for i in range(numbers.shape[0]):
+        for j in range(numbers.shape[1]):
+            put(values[i, j], numbers, i, j)
 
 
 def spread_of_inputs(x, between, u, moved, moved_at, belief):
@@ -229,7 +235,7 @@ def record_sample(k, state, previous, u_before, u, y, belief, work, info, room, 
     """Stand in for what a recorder keeps of a sample: of the state after its step, and the one before."""
 
 
-BATCH = {reading_room: room_of_batch, read_first: read_first_of_batch, read: read_batch}
+BATCH = {reading_room: no_room, read_first: read_first_of_batch, read: read_batch}
 """Kernels that read a batch."""
 
 RECORDING = {reading_room: room_of_recording, read_first: read_first_of_recording, read: read_recording}

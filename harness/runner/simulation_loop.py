@@ -24,7 +24,7 @@ from harness.engine.kernel_names import (
     splat,
 )
 from harness.engine.simd.memory import borrowed, retain
-from harness.runner.filter_loop import fill
+from harness.runner.filter_loop import fill, no_room
 from harness.runner.limits import beyond, outside
 
 
@@ -119,11 +119,6 @@ def inputs_of_recording(source, k, reading):
     fill(u[k], u_now)
     fill(between[k], u_between)
     return u_now, u_between
-
-
-def no_room():
-    """Return next to no room."""
-    return (np.empty((1, LANES)),)
 
 
 def room_of_inputs():

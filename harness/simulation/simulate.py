@@ -61,8 +61,7 @@ class Simulator:
         self.largest = np.array([limits.get(name, 0.0) for name in compiled.signal_names])
         source = paste(compiled, "simulate", [simulate], SIMULATION)
         self.loop = load_source("simulate", source).simulate
-        valid = compiled.model.valid
-        self.limits = np.array([valid.get(name, np.inf) for name in compiled.model.states])
+        self.limits = compiled.model.limits
 
     def run(
         self,

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
 import sympy as sp
 
 from harness.common import registry
@@ -109,6 +110,11 @@ class Model:
     def parameter_names(self) -> tuple[str, ...]:
         """Names of the parameters in the order of the parameter vector."""
         return tuple(p.name for p in self.parameters)
+
+    @property
+    def limits(self) -> np.ndarray:
+        """Largest magnitude of each state for which the equations hold ``(nx,)``, infinite where they always do."""
+        return np.array([self.valid.get(name, np.inf) for name in self.states])
 
     @property
     def largest_slip_angles(self) -> dict[str, float]:

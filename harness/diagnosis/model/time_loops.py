@@ -30,8 +30,8 @@ from harness.engine.kernel_names import (
     splat,
 )
 from harness.engine.simd.memory import borrowed, retain
-from harness.identification.time_loops import fill_table, keep_first_lane, keep_gain
-from harness.runner.filter_loop import fill
+from harness.identification.time_loops import keep_first_lane, keep_gain
+from harness.runner.filter_loop import fill, fill_table
 
 NX_WHOLE: Any = StandIn("NX_WHOLE")
 NW_WHOLE: Any = StandIn("NW_WHOLE")

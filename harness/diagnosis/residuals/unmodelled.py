@@ -381,7 +381,7 @@ def _run(
     constants = compiled.constants(held)
     x = np.repeat(start.state[:, None], LANES, axis=1)
     y, xn, w = np.empty((compiled.ny, LANES)), np.empty_like(x), np.empty((compiled.nw, LANES))
-    limits = np.array([augmented.model.valid.get(name, np.inf) for name in augmented.model.states])
+    limits = augmented.model.limits
     outputs = np.full((len(drive.time), compiled.ny), np.nan)
     slopes, renewed = rates(drive), np.array([c.regressor.renewed(spec.step) for c in curves])
     slow, quick = None, np.zeros(len(curves))

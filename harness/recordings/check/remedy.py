@@ -16,6 +16,7 @@ import xarray as xr
 
 from harness.common.arrays import Floats
 from harness.common.files import toml_text
+from harness.common.statistics import grows
 from harness.common.units import scale, to_si
 from harness.models.signals import SIGNALS, TRUTH
 from harness.recordings.check.causes import (
@@ -44,12 +45,6 @@ _COARSE = 0.03
 """s; a delay that is known no better is stated and not mended."""
 
 
-_WORSE = 0.05
-"""Share by which the squared error of the fitted model must be larger with a line of the map than without it."""
-
-_STANDARD_ERRORS = 2.0
-"""Of the mean over the blocks, that it must be larger by."""
-
 FitError = Callable[[xr.Dataset], Floats]
 """Squared error of the nominal model in each block of a recording that it was fitted to ``(blocks,)``."""
 
@@ -61,13 +56,10 @@ def spoils(reached: Floats, without: Floats) -> bool:
         reached: Squared errors of the blocks with it, as ``FitError`` returns them.
         without: The same without it; blocks that only one of them has do not count.
     """
+    if np.isinf(reached).any() or np.isinf(without).any():
+        return bool(np.isinf(reached).any() and not np.isinf(without).any())
     count = min(len(reached), len(without))
-    growth = reached[:count] - without[:count]
-    usable = growth[np.isfinite(growth)]
-    if usable.size < 2:
-        return bool(np.isinf(np.nanmax(reached)) and np.isfinite(np.nanmax(without)))
-    sure = _STANDARD_ERRORS * usable.std(ddof=1) / np.sqrt(usable.size)
-    return bool(usable.mean() > max(_WORSE * np.nanmean(without), sure))
+    return grows((reached[:count] - without[:count]) / np.nanmean(without))
 
 
 def worth_mending(causes: Sequence[Cause], fits: Sequence[Agreement], smoothed: SmoothedSignals) -> list[Cause]:
