@@ -316,8 +316,9 @@ def check(
     from harness.recordings.check.check_report import print_findings, write_check
     from harness.recordings.check.run import check_recording
 
-    fit_error = None if parameters is None else NominalFit(parameters)
-    findings = check_recording(file, channels, parameters, fit_error)
+    with showing(Console(stderr=True), "comparing") as show:
+        fit_error = None if parameters is None else NominalFit(parameters, lambda text: show(f"trying the map: {text}"))
+        findings = check_recording(file, channels, parameters, fit_error)
     console = _wide_console()
     print_findings(findings, console)
     name = file.resolve().name.split(".")[0]

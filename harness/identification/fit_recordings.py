@@ -159,14 +159,15 @@ class NominalFit:
 
     Args:
         parameters: Parameter set or path of a parameter file, which names vehicle, tyre and effects.
+        say: Is told what is being done.
 
     Raises:
         UserError: If there is no such file, or anything in it is wrong.
         ModelError: If there is no such set.
     """
 
-    def __init__(self, parameters: str) -> None:
-        self.parameters = parameters
+    def __init__(self, parameters: str, say: Callable[[str], None] = lambda _: None) -> None:
+        self.parameters, self._say = parameters, say
         self._vehicle = load_set(parameters, Path(), "--parameters").vehicle
 
     def __call__(self, recording: xr.Dataset) -> Floats:
@@ -189,7 +190,7 @@ class NominalFit:
         spec = finely(table, step, f"--parameters {self.parameters}")
         names = spec.model().parameter_names
         free = (*fitted_parameters(spec, [], "free"), *(n for n in _GEARED if n in names))
-        fitted = fit_recordings(Task(spec, [steered(part, spec.values)], free, settings=_SETTINGS))
+        fitted = fit_recordings(Task(spec, [steered(part, spec.values)], free, settings=_SETTINGS), self._say)
         (judged,) = fitted.judged
         drive = judged.drive
         with np.errstate(invalid="ignore", divide="ignore"):
