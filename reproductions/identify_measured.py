@@ -37,7 +37,7 @@ from harness.identification.filtered_model import Candidates
 from harness.identification.innovations import Innovations
 from harness.identification.measured_file import MeasuredFile, MeasuredStudy, names_of
 from harness.identification.result import judge, judged_on, write_outcome
-from harness.recordings.check.axle_curves import GRAVITY, Axle, Slope, axles_of
+from harness.recordings.check.axle_curves import GRAVITY, AxleCurve, Slope, axles_of
 from harness.reporting.document import write
 from reproductions.measured_car_report import Identified, document
 
@@ -105,7 +105,7 @@ def _growth(values: Mapping[str, float], end: str) -> float:
     return math.sin(2 * math.atan(static_load(values, end) / values[f"stiffness_load_{end}"]))
 
 
-def from_slopes(spec: ModelSpec, axles: Sequence[Axle]) -> ModelSpec:
+def from_slopes(spec: ModelSpec, axles: Sequence[AxleCurve]) -> ModelSpec:
     """Return the model with the cornering stiffnesses of its axle curves; an axle without a line keeps its own."""
     found = {
         f"stiffness_peak_{a.name}": a.slope.value * static_load(spec.values, a.name) / _growth(spec.values, a.name)
@@ -115,7 +115,7 @@ def from_slopes(spec: ModelSpec, axles: Sequence[Axle]) -> ModelSpec:
     return replace(spec, values={**spec.values, **found})
 
 
-def _line(axle: Axle, values: Mapping[str, float]) -> Slope:
+def _line(axle: AxleCurve, values: Mapping[str, float]) -> Slope:
     """Return the identified stiffness as the line of an axle curve."""
     slope = values[f"stiffness_peak_{axle.name}"] * _growth(values, axle.name) / static_load(values, axle.name)
     known = np.isfinite(axle.slip) & np.isfinite(axle.share)

@@ -14,8 +14,8 @@ from harness.identification.report import document as fit_document
 from harness.identification.report import spans_sheet
 from harness.identification.result import Judged
 from harness.models.quantities import quantity
-from harness.recordings.check.axle_curves import Axle
-from harness.recordings.check.check_report import axles as axles_figure
+from harness.recordings.check.axle_curves import AxleCurve
+from harness.recordings.check.check_report import axle_figure
 from harness.reporting import style
 from harness.reporting.document import Block, Document, Heading, Prose, Section, Sheet, plain
 
@@ -37,8 +37,8 @@ class Identified:
     fit: Fit
     judged: tuple[Judged, ...]
     published_error: tuple[Floats, ...]
-    axles_before: tuple[Axle, ...]
-    axles_after: tuple[Axle, ...]
+    axles_before: tuple[AxleCurve, ...]
+    axles_after: tuple[AxleCurve, ...]
 
 
 def document(found: Identified, title: str, spans: Mapping[str, Sequence[SpanTable]], command: str) -> Document:
@@ -63,8 +63,8 @@ def _stiffness(found: Identified) -> list[Block]:
     return [
         Heading("Where does the search begin, and where does it end?"),
         Prose(plain(_slopes(found))),
-        axles_figure(found.axles_before, title="How stiff are the axles with the published parameters?"),
-        axles_figure(
+        axle_figure(found.axles_before, title="How stiff are the axles with the published parameters?"),
+        axle_figure(
             found.axles_after, "identified stiffness", "How stiff are the axles with the identified parameters?"
         ),
     ]
@@ -111,6 +111,6 @@ def _slopes(found: Identified) -> str:
     return f"Lateral force over load per slip angle: {'; '.join(parts)}."
 
 
-def _slope(axle: Axle) -> str:
+def _slope(axle: AxleCurve) -> str:
     assert axle.slope is not None
     return f"{style.number(axle.slope.value)} 1/rad (points correlate by {axle.slope.correlation:.2f})"

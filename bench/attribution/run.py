@@ -141,7 +141,7 @@ def task_of(folder: Path) -> tuple[Task, str]:
     """Return what is to be traced in a folder, and the vehicle; the seal is not read."""
     channels = folder / "channels.toml" if (folder / "channels.toml").exists() else None
     names = ("train_a", "train_b", "test")
-    drives = [load_recording(folder / f"{n}.csv", channels).assign_attrs(name=n) for n in names]
+    drives = [load_recording(folder / f"{n}.csv", channels, name=n) for n in names]
     belief = json.loads((folder / "belief.json").read_text())
     vehicle = belief["vehicle"]
     table = {"vehicle": vehicle, **NOMINAL[vehicle], "values": belief["parameters"]}

@@ -49,7 +49,7 @@ def score(task: tuple[int, str]) -> ForeignScore:
     drive = draw(seed, planted)
     words = "; ".join([drive.words, *(f"{f.kind} of {', '.join(f.signals)} {f.size:.4g}" for f in drive.faults)])
     try:
-        found = list(check_tables(drive.tables, f"foreign {seed}", drive.mapping).found)
+        found = list(check_tables(drive.tables, f"foreign {seed}", drive.mapping).findings)
     except Exception as error:
         said = f"ended without an answer: {type(error).__name__}: {error}"
         return ForeignScore(seed, planted, drive.style, words, (WRONG,) * len(drive.faults), (said,), (), (said,))

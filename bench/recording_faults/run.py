@@ -17,7 +17,7 @@ import numpy as np
 from bench.recording_faults import drives
 from bench.recording_faults.drives import Drive
 from bench.recording_faults.planted import Planted, planted
-from harness.recordings.check.run import CheckFindings, check_tables
+from harness.recordings.check.run import CheckResult, check_tables
 from harness.recordings.motion.consistency import DISAGREES
 
 CLEAN = "nothing planted"
@@ -55,7 +55,7 @@ class Scored:
     seconds: float
 
 
-def check_drive(drive: Drive) -> tuple[CheckFindings, float]:
+def check_drive(drive: Drive) -> tuple[CheckResult, float]:
     """Check a drive; a warning of NumPy is an error."""
     begin = perf_counter()
     with warnings.catch_warnings():
@@ -64,8 +64,8 @@ def check_drive(drive: Drive) -> tuple[CheckFindings, float]:
     return found, perf_counter() - begin
 
 
-def _keys(found: CheckFindings) -> set[tuple[str, tuple[str, ...]]]:
-    return {(f.kind, tuple(sorted(f.signals))) for f in found.found}
+def _keys(found: CheckResult) -> set[tuple[str, tuple[str, ...]]]:
+    return {(f.kind, tuple(sorted(f.signals))) for f in found.findings}
 
 
 def _names(fault: Planted, kind: str, signals: Sequence[str]) -> bool:
@@ -73,7 +73,7 @@ def _names(fault: Planted, kind: str, signals: Sequence[str]) -> bool:
     return kind in fault.named and (not meant or bool(meant & set(signals)))
 
 
-def scored(drive: Drive, clean: CheckFindings, fault: Planted, measured: bool) -> Scored:
+def scored(drive: Drive, clean: CheckResult, fault: Planted, measured: bool) -> Scored:
     """Plant one fault in a drive and score the check; one that ends without an answer has named nothing."""
     try:
         found, seconds = check_drive(fault.into(drive))
@@ -81,7 +81,7 @@ def scored(drive: Drive, clean: CheckFindings, fault: Planted, measured: bool) -
         said = (f"ended without an answer: {type(error).__name__}: {error}",)
         return Scored(drive.name, fault.kind, fault.signals, measured, fault.size, False, False, False, 0, said, np.nan)
     before = _keys(clean)
-    named = any(_names(fault, f.kind, f.signals) for f in found.found)
+    named = any(_names(fault, f.kind, f.signals) for f in found.findings)
     others = [f for h in found.examination.hypotheses[1:] for f in h.faults]
     alternatives = named or any(_names(fault, f.kind, f.signals) for f in others)
     wrong = {f.name for f in (found.remedy.fits if found.remedy else found.fits) if f.verdict == DISAGREES}
@@ -90,13 +90,13 @@ def scored(drive: Drive, clean: CheckFindings, fault: Planted, measured: bool) -
         passes = True
     further = [
         f
-        for f in found.found
+        for f in found.findings
         if (f.kind, tuple(sorted(f.signals))) not in before
         and not _names(fault, f.kind, f.signals)
         and f.kind not in fault.also
     ]
     return Scored(drive.name, fault.kind, fault.signals, measured, fault.size, named, alternatives, passes,
-                  len(further), tuple(map(str, found.found)), seconds)  # fmt: skip
+                  len(further), tuple(map(str, found.findings)), seconds)  # fmt: skip
 
 
 def score_drive(make: Callable[[], Drive], seed: int, measured: bool, there: Collection[Key] = ()) -> Iterator[Scored]:
@@ -108,9 +108,9 @@ def score_drive(make: Callable[[], Drive], seed: int, measured: bool, there: Col
         return
     clean, seconds = check_drive(drive)
     if (drive.name, CLEAN, ()) not in there:
-        silent = not clean.found
-        yield Scored(drive.name, CLEAN, (), measured, 0.0, silent, silent, silent, len(clean.found),
-                     tuple(map(str, clean.found)), seconds)  # fmt: skip
+        silent = not clean.findings
+        yield Scored(drive.name, CLEAN, (), measured, 0.0, silent, silent, silent, len(clean.findings),
+                     tuple(map(str, clean.findings)), seconds)  # fmt: skip
     for fault in faults:
         yield scored(drive, clean, fault, measured)
 

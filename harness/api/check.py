@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from harness.recordings.check.run import CheckFindings
+    from harness.recordings.check.run import CheckResult
 
 
 def check(
@@ -51,34 +51,24 @@ def check(
         >>> [f.kind for f in found.findings], found.passes, found.mended["yaw_rate"]["unit"]
         (['unit'], True, 'deg/s')
     """
-    import pandas as pd
-    import xarray as xr
-
     from harness.identification.fit_recordings import NominalFit
-    from harness.recordings.check.run import check_recording, check_tables, with_axles
-    from harness.recordings.read.channel_map import map_content
-    from harness.recordings.read.in_memory import tables_of
+    from harness.recordings.check.run import check_recording
 
     fit_error = None if parameters is None else NominalFit(parameters)
     mapped = channels if channels is None or isinstance(channels, Mapping) else Path(channels)
-    if not isinstance(source, pd.DataFrame | xr.Dataset):
-        return Check(check_recording(Path(source), mapped, parameters, fit_error))
-    name = str(source.attrs.get("name") or type(source).__name__)
-    content = None if mapped is None else map_content(mapped)
-    tables = tables_of(source, mapped is not None)
-    return Check(with_axles(check_tables(tables, name, content, fit_error=fit_error), parameters))
+    return Check(check_recording(source, mapped, parameters, fit_error))
 
 
 class Check:
     """What a check found; made by ``harness.check``."""
 
-    def __init__(self, findings: CheckFindings) -> None:
-        self._found = findings
+    def __init__(self, result: CheckResult) -> None:
+        self._result = result
 
     @property
     def findings(self) -> list[Any]:
         """What is wrong, the largest first; each has ``kind``, ``signals``, ``words`` and ``evidence``."""
-        return list(self._found.found)
+        return list(self._result.findings)
 
     @property
     def comparisons(self) -> pd.DataFrame:
@@ -90,25 +80,25 @@ class Check:
         import pandas as pd
 
         columns = ["verdict", "slope", "slope_std", "offset", "delay", "delay_std", "drift", "explained"]
-        rows = {f.name: [*(getattr(f, c) for c in columns), ", ".join(f.reasons)] for f in self._found.fits}
+        rows = {f.name: [*(getattr(f, c) for c in columns), ", ".join(f.reasons)] for f in self._result.fits}
         return pd.DataFrame.from_dict(rows, orient="index", columns=[*columns, "reasons"]).rename_axis("comparison")
 
     @property
     def recording(self) -> xr.Dataset:
         """The recording as the given map reads it."""
-        return self._found.recording
+        return self._result.recording
 
     @property
     def mended(self) -> dict[str, Any] | None:
         """The whole channel map as it should be; ``None`` if there is nothing to mend."""
-        return None if self._found.remedy is None else self._found.remedy.content
+        return None if self._result.remedy is None else self._result.remedy.content
 
     @property
     def passes(self) -> bool:
         """Whether nothing disagrees as the mended map reads the recording, or as the given one does."""
         from harness.recordings.motion.consistency import DISAGREES
 
-        fits = self._found.fits if self._found.remedy is None else self._found.remedy.fits
+        fits = self._result.fits if self._result.remedy is None else self._result.remedy.fits
         return all(f.verdict != DISAGREES for f in fits)
 
     @property
@@ -116,12 +106,12 @@ class Check:
         """The result in sentences."""
         from harness.recordings.check.check_report import answer
 
-        return " ".join(answer(self._found))
+        return " ".join(answer(self._result))
 
     @property
     def notes(self) -> list[str]:
         """All irregularities of the recording, with the evidence."""
-        return self._found.warnings
+        return self._result.warnings
 
     def report(self, folder: str | Path) -> list[Path]:
         """Write ``check.html``, ``check.pdf`` and, where there is something to mend, ``mended.toml``; return the paths.
@@ -131,7 +121,7 @@ class Check:
         """
         from harness.recordings.check.check_report import write_check
 
-        return write_check(self._found, Path(folder))
+        return write_check(self._result, Path(folder))
 
     def _facts(self) -> dict[str, Any]:
         return {"answer": self.answer, **{f"finding {i + 1}": str(f) for i, f in enumerate(self.findings)}}

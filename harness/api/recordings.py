@@ -104,24 +104,14 @@ def read_recording(
         >>> lap.yaw_rate.attrs["units"], round(float(lap.yaw_rate.max()), 4), dict(lap.sizes)
         ('rad/s', 0.1745, {'time': 500})
     """
-    import pandas as pd
-
     from harness.common.units import to_si
-    from harness.recordings.read.in_memory import tables_of
-    from harness.recordings.read.load import load_recording, recording_of
+    from harness.recordings.read.load import load_recording
 
     seconds = None if step is None else to_si(step, "s", "step")
     if seconds is not None and seconds <= 0:
         raise UserError(f"step: {step!r} must be positive")
     mapped = channels if channels is None or isinstance(channels, Mapping) else Path(channels)
-    if isinstance(source, pd.DataFrame | xr.Dataset):
-        what = name or str(source.attrs.get("name") or type(source).__name__)
-        found = recording_of(tables_of(source, mapped is not None), what, mapped, seconds)
-        return found.assign_attrs(name=what)
-    if not isinstance(source, str | os.PathLike):
-        raise UserError(f"a recording is a path, a pandas DataFrame or an xarray Dataset, not {type(source).__name__}")
-    found = load_recording(source, mapped, seconds)
-    return found.assign_attrs(name=name or Path(source).name.split(".")[0])
+    return load_recording(source, mapped, seconds, name)
 
 
 def recordings_of(given: Any, what: str) -> list[xr.Dataset]:

@@ -134,8 +134,7 @@ class RecordedOptions:
         if self.bank:
             mapped = [load_recording(path, self.channels, step) for path in self.bank]
             read = with_bank(mapped, read)[len(mapped) :]
-        named = [r.assign_attrs(name=path.name.split(".")[0]) for r, path in zip(read, self.data, strict=True)]
-        return [r.assign_attrs(name=name) for r, name in zip(named, names_of(named), strict=True)]
+        return [r.assign_attrs(name=name) for r, name in zip(read, names_of(read), strict=True)]
 
     def believed(self, recordings: Sequence[xr.Dataset]) -> Model:
         """Return the model that the estimators believe, its step that of the first recording.

@@ -112,8 +112,8 @@ def noise_at_rest(recording: xr.Dataset, outputs: Sequence[str], start: float = 
     """
     for name in outputs:
         if name not in recording:
-            known = [str(v) for v in recording.data_vars]
-            raise UserError(f"the recording has no '{name}'{closest(name, known)}")
+            names = [str(v) for v in recording.data_vars]
+            raise UserError(f"the recording has no '{name}'{closest(name, names)}")
     time = recording["time"].to_numpy()
     inside = (time >= start) & (time <= stop)
     if "speed" in recording:
@@ -123,14 +123,14 @@ def noise_at_rest(recording: xr.Dataset, outputs: Sequence[str], start: float = 
                 f"the vehicle moves at {time[moving][0]:g} s (faster than {STANDSTILL} m/s); choose start and stop "
                 "inside a standstill, because at speed the output itself changes"
             )
-    found = batch(np.column_stack([recording[name].to_numpy()[inside] for name in outputs]))
-    for name, variance in zip(outputs, found.variances, strict=True):
+    noise = batch(np.column_stack([recording[name].to_numpy()[inside] for name in outputs]))
+    for name, variance in zip(outputs, noise.variances, strict=True):
         if variance == 0:
             raise UserError(
-                f"'{name}' has the same value in all {found.samples} samples: the sensor is off, or its noise is below "
+                f"'{name}' has the same value in all {noise.samples} samples: the sensor is off, or its noise is below "
                 "its resolution; state its variance by hand, such as the resolution squared over 12"
             )
-    return found
+    return noise
 
 
 def _refuse_few(samples: int) -> None:

@@ -279,12 +279,12 @@ def test_a_wrong_sign_and_spikes_are_reported_with_the_evidence(tmp_path):
     names = {n: recording[n].to_numpy() for n in ("time", *SIGNALS)}
     table = pd.DataFrame({**names, "yaw_rate": rate})
     table.to_csv(tmp_path / "drive.csv", index=False)
-    notes = recording_warnings([load_recording(tmp_path / "drive.csv").assign_attrs(name="drive")])
+    notes = recording_warnings([load_recording(tmp_path / "drive.csv")])
     assert any("yaw_rate: wrong sign" in n and "opposite sign" in n for n in notes), notes
     assert any("yaw_rate: single-sample spikes: 2 (t = 3.00, 9.00 s)" in n for n in notes), notes
     names["yaw_rate"] = recording["yaw_rate"].to_numpy()
     pd.DataFrame(names).to_csv(tmp_path / "right.csv", index=False)
-    assert not recording_warnings([load_recording(tmp_path / "right.csv").assign_attrs(name="right")])
+    assert not recording_warnings([load_recording(tmp_path / "right.csv")])
 
 
 def test_the_same_drive_under_another_name_is_refused(tmp_path):

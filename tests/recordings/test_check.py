@@ -115,7 +115,7 @@ def test_a_sample_beyond_any_measurement_is_missing(recwarn):
     signals = noisy()
     signals["yaw_rate"][700], signals["heading"][900] = 1e300, np.inf
     found = check_tables(tables_of(pd.DataFrame({"time": TIME, **signals}), mapped=False), "drive")
-    assert found.found == ()
+    assert found.findings == ()
     assert sum("infinite or beyond any measurement" in w for w in found.warnings) == 2
     assert [str(w.message) for w in recwarn] == []
 
@@ -123,7 +123,7 @@ def test_a_sample_beyond_any_measurement_is_missing(recwarn):
 def test_times_in_ms_are_found_and_the_map_is_mended():
     tables = tables_of(pd.DataFrame({"time": 1e3 * TIME, **noisy()}), mapped=False)
     found = check_tables(tables, "drive")
-    assert [f.kind for f in found.found] == ["time"]
+    assert [f.kind for f in found.findings] == ["time"]
     assert found.remedy.lines == ('time = { channel = "time", unit = "ms" }',)
     assert found.remedy.passes
 
@@ -148,7 +148,7 @@ def test_nothing_is_mended_of_a_right_map_with_one_clock():
     content |= {n: {"channel": f"{n} [SI]", "unit": SIGNALS[n].unit} for n in signals}
     table = pd.DataFrame({"t [s]": TIME, **{f"{n} [SI]": v for n, v in signals.items()}})
     found = check_tables(tables_of(table, mapped=True), "drive", content)
-    assert found.found == ()
+    assert found.findings == ()
     assert found.remedy is None
     console = Console(width=300, record=True, file=io.StringIO())
     print_findings(found, console)
@@ -163,7 +163,7 @@ def test_a_clock_that_drifts_is_mended():
     content = {"time": [{"channel": "t", "unit": "s"}, {"channel": "t2", "unit": "s"}]}
     content |= {n: {"channel": n, "unit": SIGNALS[n].unit} for n in signals}
     found = check_tables(tables, "drive", content)
-    assert "drift" in {f.kind for f in found.found}
+    assert "drift" in {f.kind for f in found.findings}
     clock = next(c for c in found.remedy.content["time"] if "factor" in c)
     expected = 1 / 1.001 if clock["channel"] == "t" else 1.001
     assert clock["factor"] == pytest.approx(expected, abs=1e-4)

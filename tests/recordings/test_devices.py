@@ -54,13 +54,13 @@ def mapping_of(frame):
 @pytest.mark.parametrize("seed", range(4))
 def test_a_constant_speed_tells_no_delay_of_it(seed):
     found = checked(motion(20.0, WINDING, seed))
-    assert found.found == (), list(map(str, found.found))
+    assert found.findings == (), list(map(str, found.findings))
     assert "speed against speed over ground is too calm to tell a delay: accelerate and brake" in found.summary
 
 
 def test_a_receiver_that_is_late_is_one_cause():
     found = checked(motion(VARIED, WINDING, late=0.2))
-    (late,) = found.found
+    (late,) = found.findings
     assert (late.kind, set(late.signals)) == (DELAY, {"position_x", "position_y", "heading"})
     assert late.value == pytest.approx(0.2, abs=0.003)
     assert {line.split(" = ")[0] for line in found.remedy.lines} == {"position_x", "position_y", "heading"}
@@ -71,7 +71,7 @@ def test_a_delay_that_the_map_takes_out_may_be_too_much():
     frame = motion(VARIED, WINDING)
     mapping = mapping_of(frame)
     mapping["speed"]["delay"] = "150 ms"
-    (early,) = checked(frame, mapping).found
+    (early,) = checked(frame, mapping).findings
     assert (early.kind, early.signals) == (DELAY, ("speed",))
     assert early.value == pytest.approx(-0.15, abs=0.005)
     assert "or position_x and position_y: 1" in early.words
@@ -81,8 +81,8 @@ def test_an_unsigned_speed_is_named_and_signed_by_the_course():
     speed = 6 - 9 / (1 + np.exp(60 - TIME)) + 9 / (1 + np.exp(80 - TIME)) + np.sin(TIME / 3)
     frame = motion(speed, WINDING)
     found = checked(frame)
-    assert [f.kind for f in found.found] == ["reverse"], list(map(str, found.found))
-    assert "drives backwards at 61 to 79 s" in str(found.found[0])
+    assert [f.kind for f in found.findings] == ["reverse"], list(map(str, found.findings))
+    assert "drives backwards at 61 to 79 s" in str(found.findings[0])
     assert found.remedy.content["speed"]["reverse"] == "course"
     assert found.remedy.passes
     signed = recording_of(tables_of(frame, mapped=True), "drive", found.remedy.content)["speed"].to_numpy()
@@ -94,7 +94,7 @@ def test_the_gear_gives_a_speed_its_sign(tmp_path):
     frame = motion(speed, WINDING).assign(gear=np.where(speed < 0, -1.0, 3.0))
     mapping = mapping_of(frame)
     mapping["speed"]["reverse"] = "gear"
-    assert checked(frame, mapping).found == ()
+    assert checked(frame, mapping).findings == ()
     frame.to_csv(tmp_path / "log.csv", index=False)  # of a file only the columns are read that the map names
     read = load_recording(tmp_path / "log.csv", mapping)["speed"].to_numpy()
     assert read[3500] == pytest.approx(-3.0, abs=0.1)
@@ -125,7 +125,7 @@ def test_a_heading_is_continued_across_a_gap_by_the_yaw_rate(rate, turns):
 def test_an_upright_axis_is_named():
     frame = motion(VARIED, WINDING)
     frame["lateral_acceleration"] = 9.79 + 0.1 * np.random.default_rng(2).normal(size=len(TIME))
-    (found,) = checked(frame).found
+    (found,) = checked(frame).findings
     assert found.kind == "mounting"
     assert "9.79 m/s²" in found.words
     assert "that axis of the sensor points up" in found.words
@@ -142,7 +142,7 @@ def test_a_leaning_accelerometer_has_no_wrong_scale():
     frame["longitudinal_velocity"] = frame["speed"]
     frame["lateral_velocity"] = np.random.default_rng(3).normal(0, 0.01, len(TIME))
     frame["lateral_acceleration"] = 1.067 * VARIED * WINDING + np.random.default_rng(4).normal(0, 0.05, len(TIME))
-    assert SCALE not in {f.kind for f in checked(frame).found}
+    assert SCALE not in {f.kind for f in checked(frame).findings}
 
 
 def test_long_run_is_that_of_newey_and_west():
@@ -179,7 +179,7 @@ def test_foreign_drives_hold_what_is_planted():
 def test_of_two_explanations_that_explain_alike_both_are_named_and_no_line_is_written(channel):
     frame = motion(VARIED, WINDING).drop(columns="heading")
     found = checked(frame.assign(**{channel: -frame[channel]}))
-    (sign,) = found.found
+    (sign,) = found.findings
     assert "yaw_rate: wrong sign" in sign.words
     assert "position_y: wrong sign" in sign.words
     assert not sign.mends

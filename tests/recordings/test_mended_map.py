@@ -42,7 +42,7 @@ def car():
     content = {"time": [{"channel": "time", "unit": "s"}]}
     content |= {name: {"channel": name, "unit": unit} for name, unit in units.items()}
     findings = check_tables(tables, "car", content)
-    assert not findings.found
+    assert not findings.findings
 
     def examined(by):
         recording = recording_of(tables, "car", by)
@@ -65,7 +65,7 @@ def test_lines_that_spoil_the_fit_of_the_nominal_model_are_withdrawn(car):
     tried = tried_by_fit(
         offered(car, yaw_rate="200 ms", speed="1 ms"), content, examined, NominalFit("govindarajan_2018")
     )
-    rate, speed = tried.found
+    rate, speed = tried.findings
     assert not rate.mends
     assert "not mended: the error of the fitted nominal model would be" in rate.words
     assert speed.mends, "a delay of the speed changes nothing"
@@ -81,7 +81,7 @@ def test_lines_that_the_fit_needs_stay(car):
     remedy = MapRemedy(content, ("yaw_rate",), findings.fits)
     offer = replace(findings, found=(Finding(DELAY, ("yaw_rate",), "yaw_rate: late", ""),), remedy=remedy)
     tried = tried_by_fit(offer, late, examined, NominalFit("govindarajan_2018"))
-    assert tried.found[0].mends
+    assert tried.findings[0].mends
     assert tried.remedy.content == content
 
 

@@ -1,1 +1,1 @@
-"""Whether the signals of a recording agree, what explains where they do not, and what mends it: harness check."""
+"""Consistency check of a recording: comparisons of its signals, their explanation, and a mended map: harness check."""

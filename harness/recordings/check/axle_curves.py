@@ -16,10 +16,10 @@ import xarray as xr
 
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
+from harness.models.effects._gravity import GRAVITY
 from harness.models.signals import TRUTH
 from harness.recordings.motion.kinematics import DERIVED, Sources
 
-GRAVITY = 9.81
 _SLOWEST = 3.0
 """m/s; below it slip angles are noise."""
 _LINE = 0.7
@@ -32,7 +32,7 @@ _WINDOW = 0.3
 
 @dataclass(frozen=True)
 class Car:
-    """What the balance of a car takes.
+    """Masses and lengths in the force and moment balance of a car.
 
     Attributes:
         mass: kg.
@@ -159,7 +159,7 @@ def cornering_slope(slip: Floats, force: Floats, load: Floats) -> Slope | None:
 
 
 @dataclass(frozen=True)
-class Axle:
+class AxleCurve:
     """One axle's curve and the straight line through its beginning."""
 
     name: str
@@ -168,7 +168,7 @@ class Axle:
     slope: Slope | None
 
 
-def axles_of(recordings: Sequence[xr.Dataset], values: Mapping[str, float], where: str) -> list[Axle]:
+def axles_of(recordings: Sequence[xr.Dataset], values: Mapping[str, float], where: str) -> list[AxleCurve]:
     """Return the curves of front and rear axle over some drives, and the slopes that start an identification.
 
     Args:
@@ -186,34 +186,34 @@ def axles_of(recordings: Sequence[xr.Dataset], values: Mapping[str, float], wher
     mass, inertia, front, rear = (values[n] for n in needed)
     car = Car(mass, inertia, front, rear, values.get("cog_height", 0.0))
     curves = [axle_curves(car, _smooth(recording, values, where)) for recording in recordings]
-    found = []
+    axles = []
     for end in ("front", "rear"):
         slip, force, load = (
             np.concatenate([getattr(c, f"{kind}_{end}") for c in curves]) for kind in ("slip", "force", "load")
         )
-        found.append(Axle(end, slip, force / load, cornering_slope(slip, force, load)))
-    return found
+        axles.append(AxleCurve(end, slip, force / load, cornering_slope(slip, force, load)))
+    return axles
 
 
 def _smooth(recording: xr.Dataset, values: Mapping[str, float], where: str) -> dict[str, Floats]:
     """Return the smoothed signals that axle curves take."""
     step = float(recording["time"][1] - recording["time"][0])
-    known = {n: s for n, s in signals_of(recording).items() if not recording[n].attrs.get("includes_gravity")}
-    if "road_wheel_angle" not in known and "steering_wheel_angle" in known and "steering_ratio" in values:
-        known["road_wheel_angle"] = known["steering_wheel_angle"] / values["steering_ratio"]
+    signals = {n: s for n, s in signals_of(recording).items() if not recording[n].attrs.get("includes_gravity")}
+    if "road_wheel_angle" not in signals and "steering_wheel_angle" in signals and "steering_ratio" in values:
+        signals["road_wheel_angle"] = signals["steering_wheel_angle"] / values["steering_ratio"]
     for name in ("lateral_acceleration", "longitudinal_acceleration", "yaw_acceleration"):
         needs, compute = DERIVED[name]
-        if name not in known and any(all(n in known for n in each) for each in needs):
-            known[name] = compute(Sources(known, step, _WINDOW))
+        if name not in signals and any(all(n in signals for n in each) for each in needs):
+            signals[name] = compute(Sources(signals, step, _WINDOW))
     wanted = (
         *("lateral_acceleration", "yaw_acceleration", "road_wheel_angle"),
         *("longitudinal_velocity", "lateral_velocity", "yaw_rate"),
     )
-    absent = [n for n in wanted if n not in known]
+    absent = [n for n in wanted if n not in signals]
     if absent:
         raise UserError(f"{where}: axle curves take {', '.join(absent)}, which the recording lacks")
-    smooth = Sources(known, step, _WINDOW)
-    return {n: smooth[n] for n in (*wanted, "longitudinal_acceleration") if n in known}
+    smooth = Sources(signals, step, _WINDOW)
+    return {n: smooth[n] for n in (*wanted, "longitudinal_acceleration") if n in signals}
 
 
 def signals_of(recording: xr.Dataset) -> dict[str, Floats]:

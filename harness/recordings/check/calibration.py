@@ -1,10 +1,10 @@
-"""Which scales, offsets, delays and drifting clocks explain what is left between the signals? As few as possible.
+"""Sparse estimate of scales, offsets, delays and clock drifts from all comparisons of a recording together.
 
-Every comparison says something of every channel in it (``responses``). What explains all of them is looked for among
-sets of causes, of all kinds together, as a scale that is overlooked biases a delay: each cause has a probability
-beforehand and a normal spread, so that the likelihood of a set is a normal one in closed form (spike and slab, George
-and McCulloch 1993). The spread is one of several, as nobody knows beforehand whether a fault is small or large: with
-one of them, large values of a channel that hardly shows would be likelier than a small one of another that shows well.
+Every comparison responds to every channel in it (``responses``). The search is over sets of causes of all kinds
+together, as a scale that is overlooked biases a delay. Each cause has a prior probability and a normal prior of its
+size, so that the likelihood of a set is normal in closed form (spike and slab, George and McCulloch 1993). The standard
+deviation of that prior is one of several, since a fault may be small or large: with a single one, large values of a
+channel that hardly shows would be likelier than a small value of another that shows well.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from harness.recordings.motion.pair_fit import Agreement
 _MOST = 3
 """Causes that are looked for together."""
 _ROUNDS = 4
-"""Times at most that causes are looked for around those found before: a large one shows otherwise than a small one."""
+"""Most iterations about the last estimate: the response to a large cause is not that to a small one."""
 _KEPT = 200
 """Sets of causes that are extended by one more."""
 _SPREADS = (1 / 8, 1 / 2, 2.0)
@@ -70,7 +70,7 @@ def causes(
     twins: Mapping[str, tuple[str, ...]],
     only: Collection[Cause] | None = None,
 ) -> list[Cause]:
-    """Return what is off by a little and explains the comparisons.
+    """Return the small deviations that explain the comparisons.
 
     Args:
         fits: Comparisons of the signals, mended of the faults.
@@ -86,44 +86,51 @@ def causes(
     several = len({smoothed.origin(names[0]).clock for names in channels}) > 1
     wanted = None if only is None else {(c.kind, c.signals) for c in only}
     options = [o for o in _options(channels, smoothed) if wanted is None or (o.kind, o.signals) in wanted]
-    found: list[Cause] = []
+    estimated: list[Cause] = []
     for _ in range(_ROUNDS):
-        around = corrected(found, smoothed) if found else smoothed
-        near = [compare(f.relation, around) for f in used] if found else used
-        said = [r for f in near if tells(f) and (r := response(f, around, channels, several)) is not None]
-        before, found = found, _Evidence([_moved(r, found, channels) for r in said], options).best() if said else []
-        if not found or _alike(before, found):
+        around = corrected(estimated, smoothed) if estimated else smoothed
+        refitted = [compare(f.relation, around) for f in used] if estimated else used
+        responses = [r for f in refitted if tells(f) and (r := response(f, around, channels, several)) is not None]
+        moved = [_moved(r, estimated, channels) for r in responses]
+        before, estimated = estimated, _CauseEvidence(moved, options).best() if moved else []
+        if not estimated or _alike(before, estimated):
             break
-    return [c for c in found if _matters(c, used)]
+    return [c for c in estimated if _matters(c, used)]
 
 
-def _moved(said: Response, found: Sequence[Cause], channels: Sequence[tuple[str, ...]]) -> Response:
-    """Return what a comparison of mended signals says of those that were not."""
-    value = said.value
-    for cause in found:
+def _moved(residual: Response, taken_out: Sequence[Cause], channels: Sequence[tuple[str, ...]]) -> Response:
+    """Return the response of the signals as recorded from that of the corrected ones.
+
+    Args:
+        residual: Response of a comparison of corrected signals.
+        taken_out: Causes for which they were corrected.
+        channels: The signals of every channel.
+    """
+    value = residual.value
+    for cause in taken_out:
         inside = [m for m, names in enumerate(channels) if set(names) & set(cause.signals)]
         size = np.log1p(cause.value) if cause.kind == SCALE else cause.value
-        value = value + said.design[:, KINDS.index(cause.kind), inside].sum(axis=1) * size
-    return replace(said, value=value)
+        value = value + residual.design[:, KINDS.index(cause.kind), inside].sum(axis=1) * size
+    return replace(residual, value=value)
 
 
-def _alike(before: Sequence[Cause], found: Sequence[Cause]) -> bool:
-    """Tell whether the causes are the same as before, within a third of what they are known to."""
+def _alike(before: Sequence[Cause], after: Sequence[Cause]) -> bool:
+    """Tell whether the causes are the same as before, within a third of their standard deviations."""
     old = {(c.kind, c.signals): c.value for c in before}
-    new = {(c.kind, c.signals): c for c in found}
+    new = {(c.kind, c.signals): c for c in after}
     return set(old) == set(new) and all(abs(new[key].value - old[key]) < new[key].doubt / 3 for key in new)
 
 
 @dataclass(frozen=True)
 class _Option:
-    """A cause that may be.
+    """A candidate cause.
 
     Attributes:
         kind: ``SCALE``, ``OFFSET``, ``DELAY`` or ``DRIFT``.
         channels: Numbers of its channels.
         signals: Their signals.
-        prior: Its probability beforehand.
-        size: How large it usually is.
+        prior: Prior probability.
+        size: Usual size.
         sign: 1 or -1 where it cannot be of the other sign; 0 otherwise.
         clock: Which clock it is; -1 for channels.
     """
@@ -138,7 +145,7 @@ class _Option:
 
 
 def _options(channels: Sequence[tuple[str, ...]], smoothed: SmoothedSignals) -> Iterator[_Option]:
-    """Yield the causes that may be."""
+    """Yield the candidate causes."""
     trusted = [any(n.startswith(_TRUSTED) for n in names) for names in channels]
     origins = [smoothed.origin(names[0]) for names in channels]
     clock_of = [o.clock for o in origins]
@@ -227,19 +234,19 @@ def _group_of(channel: str) -> str:
     return re.split(r"[_ ]", channel)[0] if re.search(r"[_ ]", channel) else ""
 
 
-class _Evidence:
-    """What all comparisons say together of the causes that may be.
+class _CauseEvidence:
+    """Evidence of all comparisons together for the candidate causes.
 
     Args:
-        said: What each comparison says.
-        options: The causes.
+        responses: One per comparison.
+        options: The candidates.
     """
 
-    def __init__(self, said: Sequence[Response], options: Sequence[_Option]) -> None:
+    def __init__(self, responses: Sequence[Response], options: Sequence[_Option]) -> None:
         precision = np.zeros((len(options), len(options)))
         pulls = []
         pull = np.zeros(len(options))
-        for each in said:
+        for each in responses:
             shown = np.stack(
                 [each.design[:, KINDS.index(o.kind)][:, list(o.channels)].sum(axis=1) for o in options], axis=1
             )
@@ -253,7 +260,7 @@ class _Evidence:
         self._precision, self._pull = precision[np.ix_(seen, seen)], pull[seen]
         self._pulls = [(solved[:, seen], noise) for solved, noise in pulls]
         self._sizes = sizes[seen]
-        self._of = np.repeat(np.arange(len(seen)), len(_SPREADS))
+        self._option_of = np.repeat(np.arange(len(seen)), len(_SPREADS))
         self._spread = np.outer(sizes[seen], _SPREADS).ravel()
         self._sign = np.array([o.sign for o in self._options])
         priors = np.array([o.prior for o in self._options])
@@ -261,7 +268,7 @@ class _Evidence:
 
     def _scores(self, sets: Floats) -> Floats:
         """Return the logarithm of likelihood times prior of sets of causes with their spreads, ``(sets, causes)``."""
-        which, spread = self._of[sets], self._spread[sets]
+        which, spread = self._option_of[sets], self._spread[sets]
         whole = (
             np.eye(sets.shape[1])
             + spread[:, :, None] * self._precision[which[:, :, None], which[:, None]] * spread[:, None]
@@ -283,13 +290,13 @@ class _Evidence:
             longer = {
                 tuple(sorted((*s, n)))
                 for s in frontier
-                for n in range(len(self._of))
-                if self._of[n] not in {self._of[k] for k in s}
+                for n in range(len(self._option_of))
+                if self._option_of[n] not in {self._option_of[k] for k in s}
             }
             sets = sorted(longer)
-            found = dict(zip(sets, self._scores(np.array(sets)).tolist(), strict=True))
-            scores |= found
-            frontier = sorted(sets, key=lambda s: -found[s])[:_KEPT]
+            added = dict(zip(sets, self._scores(np.array(sets)).tolist(), strict=True))
+            scores |= added
+            frontier = sorted(sets, key=lambda s: -added[s])[:_KEPT]
         return scores
 
     def best(self) -> list[Cause]:
@@ -299,17 +306,17 @@ class _Evidence:
         weights: dict[tuple[int, ...], float] = {}
         spreads: dict[tuple[int, ...], tuple[int, ...]] = {}
         for chosen, score in scores.items():
-            of = tuple(int(self._of[n]) for n in chosen)
-            weights[of] = weights.get(of, 0.0) + float(np.exp(score - top))
-            if of not in spreads or score > scores[spreads[of]]:
-                spreads[of] = chosen
+            subset = tuple(int(self._option_of[n]) for n in chosen)
+            weights[subset] = weights.get(subset, 0.0) + float(np.exp(score - top))
+            if subset not in spreads or score > scores[spreads[subset]]:
+                spreads[subset] = chosen
         total = sum(weights.values())
-        best = max(weights, key=lambda of: weights[of])
-        found = []
+        best = max(weights, key=lambda subset: weights[subset])
+        result = []
         for cause, m in zip(self._values(spreads[best]), best, strict=True):
-            sure = sum(w for of, w in weights.items() if m in of) / total
-            found.append(replace(cause, posterior=sure, rivals=self._rivals(m, best, weights, spreads)))
-        return found
+            sure = sum(w for subset, w in weights.items() if m in subset) / total
+            result.append(replace(cause, posterior=sure, rivals=self._rivals(m, best, weights, spreads)))
+        return result
 
     def _rivals(
         self,
@@ -319,15 +326,15 @@ class _Evidence:
         spreads: Mapping[tuple[int, ...], tuple[int, ...]],
     ) -> tuple[tuple[Cause, ...], ...]:
         """Return what stands in the place of a cause of the best set in other sets that are probable."""
-        found: dict[tuple[int, ...], float] = {}
+        weight_of: dict[tuple[int, ...], float] = {}
         first: dict[tuple[int, ...], tuple[int, ...]] = {}
-        for of, weight in sorted(weights.items(), key=lambda item: -item[1]):
-            if m not in of:
-                other = tuple(n for n in of if n not in best)
-                found[other] = found.get(other, 0.0) + weight
-                first.setdefault(other, of)
+        for subset, weight in sorted(weights.items(), key=lambda item: -item[1]):
+            if m not in subset:
+                other = tuple(n for n in subset if n not in best)
+                weight_of[other] = weight_of.get(other, 0.0) + weight
+                first.setdefault(other, subset)
         least = _LISTED * sum(weights.values())
-        ranked = sorted((other for other in found if found[other] > least), key=lambda other: -found[other])
+        ranked = sorted((other for other in weight_of if weight_of[other] > least), key=lambda other: -weight_of[other])
         return tuple(
             tuple(c for c, n in zip(self._values(spreads[first[other]]), first[other], strict=True) if n in other)
             for other in ranked
@@ -335,7 +342,7 @@ class _Evidence:
 
     def _values(self, chosen: tuple[int, ...]) -> list[Cause]:
         """Return the causes of a set with their values and standard errors."""
-        which = self._of[list(chosen)]
+        which = self._option_of[list(chosen)]
         if not len(which):
             return []
         precision = self._precision[np.ix_(which, which)]
@@ -347,24 +354,23 @@ class _Evidence:
             np.sqrt(np.diag(covariance @ solved[:, which].T @ noise @ solved[:, which] @ covariance))
             for solved, noise in self._pulls
         )
-        found = []
+        result = []
         for m, value, std, doubt in zip(which, values, stds, doubts, strict=True):
             option = self._options[m]
             value = float(np.expm1(value) if option.kind == SCALE else value)
-            found.append(Cause(option.kind, option.signals, value, float(std), float(doubt), np.nan, option.clock))
-        return found
+            result.append(Cause(option.kind, option.signals, value, float(std), float(doubt), np.nan, option.clock))
+        return result
 
 
 def _matters(cause: Cause, fits: Sequence[Agreement]) -> bool:
     """Tell whether a cause is sure and large enough to be stated."""
-    of = [f for f in fits if set(cause.signals) & set(f.relation.signals)]
+    concerned = [f for f in fits if set(cause.signals) & set(f.relation.signals)]
     if cause.kind == SCALE:
-        least = LEAST_SCALE[any(f.relation.through_zero and f.relation.signal in cause.signals for f in of)]
+        least = LEAST_SCALE[any(f.relation.through_zero and f.relation.signal in cause.signals for f in concerned)]
     elif cause.kind == OFFSET:
-        varied = [
-            float(np.nanstd(f.measured)) for f in of if f.relation.signal in cause.signals and not f.relation.circular
-        ]
-        own = [0.2 * tolerance(f.relation) for f in of if f.relation.signal in cause.signals]
+        measured = [f for f in concerned if f.relation.signal in cause.signals]
+        varied = [float(np.nanstd(f.measured)) for f in measured if not f.relation.circular]
+        own = [0.2 * tolerance(f.relation) for f in measured]
         least = max([LEAST_OFFSET * min(varied, default=0.0), *own])
     else:
         least = LEAST_DELAY * (2 if cause.kind == DRIFT else 1)

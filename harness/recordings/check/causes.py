@@ -1,4 +1,4 @@
-"""What may be wrong with a recording or its channel map: a catalogue of faults, and causes of small deviations.
+"""Catalogue of faults of a recording or its channel map, and causes of small deviations.
 
 A fault is stated by what mends it: a factor, a reversed sign, two channels exchanged, another convention of the
 heading, another unit of time, with its probability beforehand. Several of them make up a hypothesis; ``explain`` finds
@@ -23,14 +23,14 @@ _DEGREES = float(np.degrees(1.0))
 
 @dataclass(frozen=True)
 class RecordingFault:
-    """One thing that may be wrong.
+    """A fault of the catalogue.
 
     Attributes:
         kind: ``UNIT``, ``SIGN``, ``EXCHANGED``, ``HEADING`` or ``TIME``.
         signals: The signals concerned; two for ``EXCHANGED``.
         factor: What the signals have to be multiplied by (for ``EXCHANGED``: the first one, the second divided).
         offset: What has to be added after that, rad.
-        log_prior: Logarithm of its probability beforehand.
+        log_prior: Logarithm of its prior probability.
         words: What is wrong.
     """
 
@@ -108,7 +108,7 @@ def catalogue(
         scales: SI units per unit of the channel as the map has it, by signal.
         twins: All signals that are read from the channel of a signal; they are wrong together.
     """
-    found: list[RecordingFault] = []
+    faults: list[RecordingFault] = []
     placed = {"latitude", "longitude"} <= set(signals)
     single = [s for s in signals if not (placed and s.startswith("position"))]
     seen: set[tuple[str, ...]] = set()
@@ -117,57 +117,58 @@ def catalogue(
         if together in seen or signal in ("latitude", "longitude"):
             continue
         seen.add(together)
-        found += _of_one(signal, together)
+        faults += _faults_of_channel(signal, together)
     if placed:
         place = ("latitude", "longitude")
-        found.append(RecordingFault(UNIT, place, _DEGREES, 0.0, _COMMON, "radians where the map says degrees"))
-        found.append(RecordingFault(UNIT, place, 1 / _DEGREES, 0.0, _COMMON, "degrees where the map says radians"))
-        found.append(RecordingFault(SIGN, ("longitude",), -1.0, 0.0, _SELDOM, "counted the other way"))
+        faults.append(RecordingFault(UNIT, place, _DEGREES, 0.0, _COMMON, "radians where the map says degrees"))
+        faults.append(RecordingFault(UNIT, place, 1 / _DEGREES, 0.0, _COMMON, "degrees where the map says radians"))
+        faults.append(RecordingFault(SIGN, ("longitude",), -1.0, 0.0, _SELDOM, "counted the other way"))
     elif {"position_x", "position_y"} <= set(signals):
-        found += [RecordingFault(UNIT, ("position_x", "position_y"), f, 0.0, p, words) for f, p, words in _UNITS["any"]]
-    return found + _exchanges(single, scales, twins)
+        place = ("position_x", "position_y")
+        faults += [RecordingFault(UNIT, place, factor, 0.0, prior, words) for factor, prior, words in _UNITS["any"]]
+    return faults + _exchanges(single, scales, twins)
 
 
-def _of_one(signal: str, together: tuple[str, ...]) -> list[RecordingFault]:
+def _faults_of_channel(signal: str, together: tuple[str, ...]) -> list[RecordingFault]:
     """Return what may be wrong with one channel."""
     kind = family(signal)
-    found = []
+    faults = []
     if not signal.startswith("position"):
         units = (*_UNITS.get(kind, ()), *(_UNITS["any"] if kind != "angle" else ()))
-        found += [RecordingFault(UNIT, together, factor, 0.0, prior, words) for factor, prior, words in units]
+        faults += [RecordingFault(UNIT, together, factor, 0.0, prior, words) for factor, prior, words in units]
     if signal == "heading":
-        found += [
+        faults += [
             RecordingFault(HEADING, together, float(sign), float(np.radians(turn)), prior, words)
             for sign, turn, prior, words in _CONVENTIONS
         ]
     elif signal not in _NEVER_REVERSED:
-        found.append(
+        faults.append(
             RecordingFault(
                 SIGN, together, -1.0, 0.0, _SELDOM if signal.startswith("position") else _COMMON, "wrong sign"
             )
         )
-    return found
+    return faults
 
 
 def _exchanges(
     signals: Sequence[str], scales: Mapping[str, float], twins: Mapping[str, tuple[str, ...]]
 ) -> list[RecordingFault]:
     """Return the pairs of channels that may be exchanged, with their units or without."""
-    found = []
-    for one, other in combinations(sorted(signals), 2):
-        if other in twins.get(one, (one,)) or ("latitude" in (one, other)) != ("longitude" in (one, other)):
+    faults = []
+    for first, second in combinations(sorted(signals), 2):
+        if second in twins.get(first, (first,)) or ("latitude" in (first, second)) != ("longitude" in (first, second)):
             continue
-        like = SIGNALS[one].unit == SIGNALS[other].unit
+        like = SIGNALS[first].unit == SIGNALS[second].unit
         prior = _EXCHANGE_LIKE if like else _EXCHANGE_ANY
-        found.append(RecordingFault(EXCHANGED, (one, other), 1.0, 0.0, prior, "exchanged"))
-        ratio = scales.get(one, 1.0) / scales.get(other, 1.0)
+        faults.append(RecordingFault(EXCHANGED, (first, second), 1.0, 0.0, prior, "exchanged"))
+        ratio = scales.get(first, 1.0) / scales.get(second, 1.0)
         if not like or abs(np.log(abs(ratio))) > 1e-6:
-            found.append(
+            faults.append(
                 RecordingFault(
-                    EXCHANGED, (one, other), ratio, 0.0, prior - 1.0, "exchanged, their units in the right place"
+                    EXCHANGED, (first, second), ratio, 0.0, prior - 1.0, "exchanged, their units in the right place"
                 )
             )
-    return found
+    return faults
 
 
 def times() -> list[RecordingFault]:
@@ -180,7 +181,7 @@ SCALE, OFFSET, DELAY, DRIFT = "scale", "offset", "delay", "drift"
 
 @dataclass(frozen=True)
 class Cause:
-    """One thing that is a little off.
+    """A small deviation of one channel, of a device or of a clock.
 
     Attributes:
         kind: ``SCALE``, ``OFFSET``, ``DELAY`` or ``DRIFT``.
@@ -204,17 +205,17 @@ class Cause:
 
 def corrected(causes: Sequence[Cause], smoothed: SmoothedSignals) -> SmoothedSignals:
     """Return signals without the causes."""
-    found = dict(smoothed.signals)
+    signals = dict(smoothed.signals)
     for cause in causes:
         for name in cause.signals:
             if cause.kind == SCALE:
-                found[name] = found[name] / (1 + cause.value)
+                signals[name] = signals[name] / (1 + cause.value)
             elif cause.kind == OFFSET:
-                found[name] = found[name] - cause.value
+                signals[name] = signals[name] - cause.value
             else:
-                place = np.arange(len(found[name]))
+                place = np.arange(len(signals[name]))
                 drifted = 1.0 if cause.kind == DELAY else (place - place.mean()) / np.ptp(place)
-                found[name] = np.interp(
-                    place + cause.value * drifted / smoothed.step, place, found[name], left=np.nan, right=np.nan
+                signals[name] = np.interp(
+                    place + cause.value * drifted / smoothed.step, place, signals[name], left=np.nan, right=np.nan
                 )
-    return SmoothedSignals(found, smoothed.step, smoothed.origins)
+    return SmoothedSignals(signals, smoothed.step, smoothed.origins)

@@ -1,4 +1,4 @@
-"""What ``harness check`` prints and writes: the answer first, then every comparison, the axles and the signals.
+"""Console output and report of ``harness check``: the answer first, then every comparison, the axles and the signals.
 
 Its figures show the signals over time, both sides of each comparison, and the curves of the axles.
 """
@@ -20,11 +20,12 @@ from rich.text import Text
 from harness.common.arrays import Floats
 from harness.common.files import json_text, write_files
 from harness.common.series import packed
+from harness.common.thinning import kept
 from harness.models.quantities import print_unit, quantity, words
 from harness.models.signals import TRUTH
 from harness.recordings.check import remedy
-from harness.recordings.check.axle_curves import Axle
-from harness.recordings.check.run import CheckFindings
+from harness.recordings.check.axle_curves import AxleCurve
+from harness.recordings.check.run import CheckResult
 from harness.recordings.motion.consistency import DISAGREES, in_report_unit, verdicts
 from harness.recordings.motion.pair_fit import Agreement
 from harness.recordings.read.span import named
@@ -47,28 +48,27 @@ from harness.reporting.style import number
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from harness.recordings.check.axle_curves import Axle
-
 _PER_FIGURE = 6
 _TALLEST = 4.7
 """Inches of the panels on the first page, below the findings."""
-_POINTS = 1500
+_BINS = 750
+"""Parts of the time axis of which the figure of a signal keeps the extremes."""
 _EXCERPT = 30.0
 """s of a comparison that are shown: those with most going on."""
 _MEASURED, _COMPUTED = "#0072B2", "#D55E00"
 _DOTS = 3000
 
 
-def signals(recording: xr.Dataset) -> list[Picture]:
+def signal_figures(recording: xr.Dataset) -> list[Picture]:
     """Draw every signal over time, gaps shaded; six panels to a figure."""
     names = [str(n) for n in recording.data_vars]
     chunks = [names[k : k + _PER_FIGURE] for k in range(0, len(names), _PER_FIGURE)]
-    return [_signals(recording, chunk, n + 1, len(chunks)) for n, chunk in enumerate(chunks)]
+    return [_signal_figure(recording, chunk, n + 1, len(chunks)) for n, chunk in enumerate(chunks)]
 
 
-def _signals(recording: xr.Dataset, names: Sequence[str], which: int, of: int) -> Picture:
+def _signal_figure(recording: xr.Dataset, names: Sequence[str], which: int, count: int) -> Picture:
     time = recording["time"].values
-    part = f" ({which} of {of})" if of > 1 else ""
+    part = f" ({which} of {count})" if count > 1 else ""
     with style.drawing():
         fig = style.figure(0.9 + 1.1 * len(names))
         panels = fig.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
@@ -76,7 +76,8 @@ def _signals(recording: xr.Dataset, names: Sequence[str], which: int, of: int) -
         for axes, name in zip(panels, names, strict=True):
             shown = quantity(name.removeprefix(TRUTH))
             values = recording[name].values * shown.scale
-            axes.plot(*_envelope(time, values), color=_MEASURED, lw=0.7)
+            rows = kept([values], 0, len(time), _BINS)
+            axes.plot(time[rows], values[rows], color=_MEASURED, lw=0.7)
             gaps |= _shade_gaps(axes, time, values)
             axes.set_ylabel(shown.unit or "–")
             axes.set_title(words(name), loc="left")
@@ -98,21 +99,7 @@ def _shade_gaps(axes: Axes, time: Floats, values: Floats) -> bool:
     return edges.size > 0
 
 
-def _envelope(time: Floats, values: Floats) -> tuple[Floats, Floats]:
-    """Return a line of few points that looks as the full one: smallest and largest value of each short stretch."""
-    width = len(values) // (_POINTS // 2)
-    if width < 2:
-        return time, values
-    count = len(values) // width * width
-    blocks = values[:count].reshape(-1, width)
-    known = np.isfinite(blocks).any(axis=1)
-    low, high = (np.full(len(blocks), np.nan) for _ in range(2))
-    low[known], high[known] = np.nanmin(blocks[known], axis=1), np.nanmax(blocks[known], axis=1)
-    pairs = np.stack([low, high], axis=1)
-    return np.repeat(time[:count:width], 2), pairs.ravel()
-
-
-def agreement(fits: Sequence[Agreement]) -> list[Picture]:
+def comparison_figures(fits: Sequence[Agreement]) -> list[Picture]:
     """Draw both sides of each exact comparison over its half minute of largest variance, those that disagree first."""
     exact = sorted((fit for fit in fits if fit.relation.exact), key=lambda fit: fit.verdict != DISAGREES)
     chunks = [exact[k : k + _PER_FIGURE] for k in range(0, len(exact), _PER_FIGURE)]
@@ -154,7 +141,9 @@ def _liveliest(fit: Agreement) -> slice:
     return slice(first, first + length)
 
 
-def axles(curves: Sequence[Axle], line: str = "slope up to 0.4", title: str = "How stiff are the axles?") -> Picture:
+def axle_figure(
+    curves: Sequence[AxleCurve], line: str = "slope up to 0.4", title: str = "How stiff are the axles?"
+) -> Picture:
     """Draw lateral force over load against slip angle for each axle, and a line through its beginning (3.16)."""
     with style.drawing():
         fig = style.figure(0.9 + 2.9 * len(curves))
@@ -212,7 +201,7 @@ def content_rows(recording: xr.Dataset) -> list[list[str]]:
     for name, signal in recording.data_vars.items():
         shown = quantity(str(name).removeprefix(TRUTH))
         values, about = signal.values * shown.scale, signal.attrs
-        known = values[np.isfinite(values)]
+        finite = values[np.isfinite(values)]
         delay = f"{number(about.get('delay', 0.0) * 1e3)} ms" if about.get("delay") else "–"
         if about.get("delay_std"):
             delay = f"{about['delay'] * 1e3:.1f} ± {about['delay_std'] * 1e3:.1f} ms"
@@ -222,9 +211,9 @@ def content_rows(recording: xr.Dataset) -> list[list[str]]:
                 str(about.get("channel", "derived")),
                 shown.unit or "–",
                 f"{about['rate']:.4g} Hz",
-                number(known.min()) if known.size else "–",
-                number(known.max()) if known.size else "–",
-                f"{100 * about.get('missing_share', 1 - known.size / values.size):.2f} %",
+                number(finite.min()) if finite.size else "–",
+                number(finite.max()) if finite.size else "–",
+                f"{100 * about.get('missing_share', 1 - finite.size / values.size):.2f} %",
                 f"{about['longest_gap']:.3g} s" if about.get("gaps") else "–",
                 delay,
             ]
@@ -257,13 +246,13 @@ def agreement_rows(fits: tuple[Agreement, ...]) -> list[list[str]]:
     return rows
 
 
-def answer(findings: CheckFindings) -> list[str]:
+def answer(result: CheckResult) -> list[str]:
     """Return the answer in sentences: what was compared, what is wrong, and what the mended map comes to."""
-    said = [f"{findings.summary}."]
-    if findings.remedy is not None:
-        after = findings.remedy.fits
+    said = [f"{result.summary}."]
+    if result.remedy is not None:
+        after = result.remedy.fits
         wrong = sum(f.verdict == DISAGREES for f in after)
-        before = any(f.verdict == DISAGREES for f in findings.fits)
+        before = any(f.verdict == DISAGREES for f in result.fits)
         rest = "nothing disagrees any more" if before else "nothing disagrees either"
         if wrong:
             rest = f"{wrong} {'still ' if before else ''}do{'es' if wrong == 1 else ''} not agree"
@@ -271,10 +260,10 @@ def answer(findings: CheckFindings) -> list[str]:
     return said
 
 
-def print_findings(findings: CheckFindings, console: Console) -> None:
+def print_findings(result: CheckResult, console: Console) -> None:
     """Print what the recording holds, how its signals agree, what is wrong, and the lines that mend the map."""
-    console.print(Text(_read(findings.recording), style="bold"))
-    tables = ((CONTENT, content_rows(findings.recording)), (AGREEMENT, agreement_rows(findings.fits)))
+    console.print(Text(_read(result.recording), style="bold"))
+    tables = ((CONTENT, content_rows(result.recording)), (AGREEMENT, agreement_rows(result.fits)))
     for header, rows in tables:
         if rows:
             table = Table(*header, box=None)
@@ -282,18 +271,18 @@ def print_findings(findings: CheckFindings, console: Console) -> None:
                 table.add_row(*(Text(cell) for cell in row))
             console.print(table)
             console.print()
-    for axle in findings.axles:
+    for axle in result.axles:
         console.print(Text(_axle_sentence(axle)), soft_wrap=True)
-    first, *rest = answer(findings)
-    agreed = not findings.found and bool(findings.fits)
+    first, *rest = answer(result)
+    agreed = not result.findings and bool(result.fits)
     console.print(Text(first, style="green" if agreed else "yellow"), soft_wrap=True)
-    for warning in findings.warnings:
+    for warning in result.warnings:
         console.print(Text(f"warning: {warning}", style="yellow"), soft_wrap=True)
-    if findings.remedy is not None:
-        console.print(Text("\n".join((*rest, *findings.remedy.lines))), soft_wrap=True)
+    if result.remedy is not None:
+        console.print(Text("\n".join((*rest, *result.remedy.lines))), soft_wrap=True)
 
 
-def _axle_sentence(axle: Axle) -> str:
+def _axle_sentence(axle: AxleCurve) -> str:
     if axle.slope is None:
         return (
             f"{axle.name} axle: no line through lateral force over slip angle; check signs, offsets and the point "
@@ -305,7 +294,7 @@ def _axle_sentence(axle: Axle) -> str:
     )
 
 
-def write_check(findings: CheckFindings, out: Path) -> list[Path]:
+def write_check(result: CheckResult, out: Path) -> list[Path]:
     """Write ``check.html``, ``check.pdf``, ``check.json`` and ``signals.npz``, and the mended map where there is one.
 
     Returns:
@@ -315,33 +304,33 @@ def write_check(findings: CheckFindings, out: Path) -> list[Path]:
         UserError: If the folder cannot be written.
     """
     sections = [
-        Section(lambda: _found(findings), "What was found?"),
-        Section(lambda: _agreement(findings), "Do the signals agree?"),
-        Section(lambda: _axles(findings), "What do the axles do?"),
-        Section(lambda: _content(findings), "What the file holds"),
+        Section(lambda: _finding_blocks(result), "What was found?"),
+        Section(lambda: _comparison_blocks(result), "Do the signals agree?"),
+        Section(lambda: _axle_blocks(result), "What do the axles do?"),
+        Section(lambda: _content_blocks(result), "What the file holds"),
     ]
-    written = write(Document(f"Check of {Path(named(findings.recording)).name}", sections), out, "check")
-    written += write_files(out, {RECORD: json_text(_record(findings)), SIGNALS_FILE: _over_time(findings)})
-    if findings.remedy is not None:
-        written += write_files(out, {MAP: remedy.map_text(findings.remedy.content)})
+    written = write(Document(f"Check of {Path(named(result.recording)).name}", sections), out, "check")
+    written += write_files(out, {RECORD: json_text(_record(result)), SIGNALS_FILE: _over_time(result)})
+    if result.remedy is not None:
+        written += write_files(out, {MAP: remedy.map_text(result.remedy.content)})
     return written
 
 
-def _record(findings: CheckFindings) -> dict[str, Any]:
+def _record(result: CheckResult) -> dict[str, Any]:
     """Return ``check.json``: what was found in words, the signals each of it concerns, and the comparisons."""
-    attrs = findings.recording.attrs
+    attrs = result.recording.attrs
     return {
-        "title": Path(named(findings.recording)).name,
-        "read": _overview(findings.recording),
-        "answer": [str(line) for line in answer(findings)],
+        "title": Path(named(result.recording)).name,
+        "read": _overview(result.recording),
+        "answer": [str(line) for line in answer(result)],
         "warnings": [str(w) for w in attrs["warnings"]],
         "findings": [
             {"kind": f.kind, "signals": list(f.signals), "words": f.words, "evidence": f.evidence, "mends": f.mends}
             | {k: v if np.isfinite(v) else None for k, v in (("value", f.value), ("std", f.std))}
-            for f in findings.found
+            for f in result.findings
         ],
-        "mended": [] if findings.remedy is None else list(findings.remedy.lines),
-        "comparisons": [_compared(fit) for fit in findings.fits],
+        "mended": [] if result.remedy is None else list(result.remedy.lines),
+        "comparisons": [_compared(fit) for fit in result.fits],
     }
 
 
@@ -362,48 +351,48 @@ def _compared(fit: Agreement) -> dict[str, Any]:
     }
 
 
-def _over_time(findings: CheckFindings) -> bytes:
+def _over_time(result: CheckResult) -> bytes:
     """Return ``signals.npz``: series ``recording`` with all signals, SI, and one for each comparison by its number."""
-    recording = findings.recording
+    recording = result.recording
     time = recording["time"].values.astype(float)
     signals = {str(n): v.values.astype(float) for n, v in recording.data_vars.items() if v.dims == ("time",)}
-    found = {"recording": {"time": time, **signals}}
-    for i, fit in enumerate(findings.fits):
+    series = {"recording": {"time": time, **signals}}
+    for i, fit in enumerate(result.fits):
         if len(fit.measured) == len(time):
-            found[f"comparison {i}"] = {"time": time, "measured": fit.measured, "computed": fit.computed}
-    return packed(found)
+            series[f"comparison {i}"] = {"time": time, "measured": fit.measured, "computed": fit.computed}
+    return packed(series)
 
 
-def _found(findings: CheckFindings) -> list[Block]:
-    attrs, warnings = findings.recording.attrs, findings.warnings
-    first, *rest = answer(findings)
-    read = plain(f"{_read(findings.recording)}. {attrs['source']}")
+def _finding_blocks(result: CheckResult) -> list[Block]:
+    attrs, warnings = result.recording.attrs, result.warnings
+    first, *rest = answer(result)
+    read = plain(f"{_read(result.recording)}. {attrs['source']}")
     blocks: list[Block] = [Prose(read), Prose(plain(first))]
     if warnings:
         blocks.append(Bullets([plain(w) for w in warnings]))
-    if findings.remedy is not None:
-        blocks += [Prose(plain(" ".join(rest))), Listing("\n".join(findings.remedy.lines))]
+    if result.remedy is not None:
+        blocks += [Prose(plain(" ".join(rest))), Listing("\n".join(result.remedy.lines))]
     return blocks
 
 
-def _agreement(findings: CheckFindings) -> list[Block]:
-    if not findings.fits:
+def _comparison_blocks(result: CheckResult) -> list[Block]:
+    if not result.fits:
         return []
-    rows = agreement_rows(findings.fits)
-    return [*agreement(findings.fits), Sheet(AGREEMENT, rows, _AGREEMENT_CAPTION, left=3)]
+    rows = agreement_rows(result.fits)
+    return [*comparison_figures(result.fits), Sheet(AGREEMENT, rows, _AGREEMENT_CAPTION, left=3)]
 
 
-def _axles(findings: CheckFindings) -> list[Block]:
-    if not findings.axles:
+def _axle_blocks(result: CheckResult) -> list[Block]:
+    if not result.axles:
         return []
-    sentences = Bullets([plain(_axle_sentence(axle)) for axle in findings.axles])
-    return [Heading("What do the axles do?"), sentences, axles(findings.axles)]
+    sentences = Bullets([plain(_axle_sentence(axle)) for axle in result.axles])
+    return [Heading("What do the axles do?"), sentences, axle_figure(result.axles)]
 
 
-def _content(findings: CheckFindings) -> list[Block]:
-    rows = content_rows(findings.recording)
+def _content_blocks(result: CheckResult) -> list[Block]:
+    rows = content_rows(result.recording)
     sheet = Sheet(CONTENT, rows, _CONTENT_CAPTION, left=3)
-    return [Heading("What the file holds"), *signals(findings.recording), sheet]
+    return [Heading("What the file holds"), *signal_figures(result.recording), sheet]
 
 
 _AGREEMENT_CAPTION = (

@@ -1,6 +1,6 @@
-"""All that a recording says about itself: comparisons, the faults that explain them, and what is left without those.
+"""Examination of a recording: comparisons of its signals, the faults that explain them, and small deviations.
 
-``recording_warnings`` says it in sentences, before a fit or a trace takes it for something of the vehicle.
+``recording_warnings`` states it in sentences, before a fit or a trace attributes it to the vehicle.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import xarray as xr
 
 from harness.common.arrays import Floats
 from harness.common.units import scale
+from harness.models.effects._gravity import GRAVITY
 from harness.models.quantities import listed, print_unit
 from harness.models.signals import SIGNALS
 from harness.recordings.check.axle_curves import signals_of
@@ -30,8 +31,8 @@ _WHEEL = 0.1
 _SINGLE = {"sign": "a wrong sign", "scale": "one factor", "offset": "one offset", "delay": "one delay"}
 _SHOWN = 3
 """Stretches of a recording that are stated."""
-GRAVITY, _NEAR = 9.81, 1.0
-"""m/s^2: of gravity, and how near to it an acceleration is that holds it."""
+_NEAR = 1.0
+"""m/s^2; difference from gravity up to which an acceleration contains it."""
 _HORIZONTAL = ("lateral_acceleration", "longitudinal_acceleration")
 _LIKELY = 0.8
 """Probability up to which a fault or cause is neither stated nor mended that nothing at all may be in place of."""
@@ -41,7 +42,7 @@ _CERTAIN = 0.95
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that is wrong.
+    """A fault or deviation of a recording.
 
     Attributes:
         kind: Of fault or cause: ``unit``, ``sign``, ``exchanged``, ``heading``, ``time``, ``scale``, ``offset``,
@@ -70,7 +71,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Examination:
-    """What a recording says about itself.
+    """Comparisons of the signals of a recording and their explanation.
 
     Attributes:
         fits: Comparisons of its signals as the map reads them.
@@ -144,25 +145,25 @@ def examine(
 
 def _dead(signals: Mapping[str, Floats], fits: list[Agreement]) -> list[str]:
     """Return the signals that never change although they should."""
-    found = []
+    names = []
     for fit in fits:
         if "still" in fit.off:
-            found += [
-                n for n in fit.relation.signals if n not in found and np.ptp(signals[n][np.isfinite(signals[n])]) == 0
+            names += [
+                n for n in fit.relation.signals if n not in names and np.ptp(signals[n][np.isfinite(signals[n])]) == 0
             ]
-    return found
+    return names
 
 
 def _upright(signals: Mapping[str, Floats]) -> list[str]:
     """Return the horizontal accelerations that hold all of gravity."""
-    found = []
+    names = []
     for name, values in signals.items():
-        known = values[np.isfinite(values)]
-        if name.startswith(_HORIZONTAL) and known.size:
-            middle = float(np.median(known))
-            steady = float(np.median(np.abs(known - middle))) < GRAVITY / 3
-            found += [name] if steady and abs(abs(middle) - GRAVITY) < _NEAR else []
-    return found
+        finite = values[np.isfinite(values)]
+        if name.startswith(_HORIZONTAL) and finite.size:
+            middle = float(np.median(finite))
+            steady = float(np.median(np.abs(finite - middle))) < GRAVITY / 3
+            names += [name] if steady and abs(abs(middle) - GRAVITY) < _NEAR else []
+    return names
 
 
 def _mounted(name: str, values: Floats) -> Finding:
@@ -179,7 +180,7 @@ def _mounted(name: str, values: Floats) -> Finding:
 
 def _backwards(signals: Mapping[str, Floats], step: float) -> list[Finding]:
     """Name the speeds that have no sign although the vehicle drives backwards."""
-    found = []
+    findings = []
     for name, parts in unsigned_stretches(signals, step).items():
         times = [f"{a:.0f} to {b:.0f} s" for a, b in parts]
         more = f" and {len(times) - _SHOWN} times more" if len(times) > _SHOWN else ""
@@ -187,8 +188,8 @@ def _backwards(signals: Mapping[str, Floats], step: float) -> list[Finding]:
             f"{name}: has no sign, and the vehicle drives backwards at {', '.join(times[:_SHOWN])}{more}: the course "
             "over ground is against the heading"
         )
-        found.append(Finding("reverse", (name,), words, ""))
-    return found
+        findings.append(Finding("reverse", (name,), words, ""))
+    return findings
 
 
 def _twins(recording: xr.Dataset, signals: Mapping[str, Floats]) -> dict[str, tuple[str, ...]]:
@@ -199,15 +200,15 @@ def _twins(recording: xr.Dataset, signals: Mapping[str, Floats]) -> dict[str, tu
 
 def _origins(recording: xr.Dataset, clocks: Mapping[str, int]) -> dict[str, Origin]:
     """Return where each signal comes from; positions come from where latitude and longitude do."""
-    found = {}
+    origins = {}
     for name in map(str, recording.data_vars):
         source = recording["latitude"] if name in _PLACE and "latitude" in recording else recording[name]
         about = source.attrs
-        found[name] = Origin(
+        origins[name] = Origin(
             str(about.get("channel", name)), float(about.get("rate", np.nan)), clocks.get(name, 0),
             float(about.get("delay", 0.0)),
         )  # fmt: skip
-    return found
+    return origins
 
 
 def _probability(fault: RecordingFault, hypotheses: Sequence[FaultHypothesis]) -> float:
@@ -222,28 +223,28 @@ def _findings(
     worth: list[Cause],
     after: list[Agreement],
 ) -> list[Finding]:
-    """Put what was found into words."""
+    """Return the findings of an examination in words."""
     best, others = hypotheses[0], hypotheses[1:]
-    found = []
+    findings = []
     for fault in best.faults:
         sure = _probability(fault, hypotheses)
         rivals = [_either(h.faults) for h in others if fault not in h.faults][:2]
         words = described(fault) + (f", {sure:.0%} sure; or {' or '.join(rivals)}" if rivals else "")
         words += "" if sure > SURE else "; not mended"
-        found.append(Finding(fault.kind, fault.signals, words, _evidence(fits, fault.signals), sure > SURE))
+        findings.append(Finding(fault.kind, fault.signals, words, _evidence(fits, fault.signals), sure > SURE))
     for cause in small:
         words = _off(cause) + _doubt(cause) + ("" if cause in worth else "; not mended")
         evidence = _evidence(after, cause.signals)
         instead = tuple(tuple(n for c in rival for n in c.signals) for rival in cause.rivals)
-        found.append(
+        findings.append(
             Finding(cause.kind, cause.signals, words, evidence, cause in worth, instead, cause.value, cause.std)
         )
-    explained = {n for f in found for n in f.signals}
+    explained = {n for f in findings for n in f.signals}
     for fit in after:
         if fit.verdict == DISAGREES and not explained & set(fit.relation.signals):
             words = f"{fit.name}: {', '.join(fit.reasons)}; {_open(fit)}"
-            found.append(Finding("unexplained", fit.relation.signals, words, _numbers(fit), mends=False))
-    return found
+            findings.append(Finding("unexplained", fit.relation.signals, words, _numbers(fit), mends=False))
+    return findings
 
 
 def _open(fit: Agreement) -> str:
@@ -274,12 +275,10 @@ def _either(faults: tuple[RecordingFault, ...]) -> str:
 
 def _evidence(fits: list[Agreement], signals: tuple[str, ...]) -> str:
     """Return the comparisons in which some signals show, those that disagree first; of the time all count."""
-    of = [f for f in fits if not signals or set(signals) & set(f.relation.signals)]
-    ranked = sorted(of, key=lambda f: (f.verdict != DISAGREES, not f.relation.exact))
-    shown = [
-        f"{f.name}: {', '.join(f.reasons) or f.evidence}" for f in ranked[:2] if f.verdict != AGREES or len(of) < 2
-    ]
-    return "; ".join(shown)
+    concerned = [f for f in fits if not signals or set(signals) & set(f.relation.signals)]
+    ranked = sorted(concerned, key=lambda f: (f.verdict != DISAGREES, not f.relation.exact))
+    shown = [f for f in ranked[:2] if f.verdict != AGREES or len(concerned) < 2]
+    return "; ".join(f"{f.name}: {', '.join(f.reasons) or f.evidence}" for f in shown)
 
 
 def _doubt(cause: Cause) -> str:
@@ -323,13 +322,13 @@ def recording_warnings(recordings: Sequence[xr.Dataset]) -> tuple[str, ...]:
 
     What is the same of several recordings is said once, of all of them.
     """
-    found: dict[str, list[str]] = {}
+    recordings_by_warning: dict[str, list[str]] = {}
     for recording in recordings:
         findings = [str(f) for f in examine(recording).findings]
         for warning in (*recording.attrs.get("warnings", ()), *findings, *_slow(recording)):
-            names = found.setdefault(warning, [])
+            names = recordings_by_warning.setdefault(warning, [])
             names += [recording.attrs["name"]] if recording.attrs["name"] not in names else []
-    return tuple(f"{listed(names)}: {warning}" for warning, names in found.items())
+    return tuple(f"{listed(names)}: {warning}" for warning, names in recordings_by_warning.items())
 
 
 def _slow(recording: xr.Dataset) -> list[str]:
@@ -338,14 +337,14 @@ def _slow(recording: xr.Dataset) -> list[str]:
     if not speeds:
         return []
     time, speed = recording["time"].to_numpy(), recording[speeds[0]].to_numpy()
-    found = []
+    sentences = []
     for limit, does in ((SLOW, f"is slower than {SLOW:g} m/s"), (_BACKWARDS, "drives backwards")):
         there = np.flatnonzero(speed < limit)
         if there.size:
             share, first = 100 * there.size / speed.size, time[there[0]] - time[0]
             rounded = f"{share:.0f}" if share >= 10 else f"{share:.2g}"
-            found.append(
+            sentences.append(
                 f"'{speeds[0]}': the vehicle {does} at {rounded} % of the samples, first {first:.2f} s after the "
                 f"start; no equations of slip hold there, so leave that part out"
             )
-    return found
+    return sentences

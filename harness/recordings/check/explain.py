@@ -1,4 +1,4 @@
-"""Which faults explain that the signals of a recording do not agree? All relations are weighed together.
+"""Search for the faults that explain disagreement between the signals of a recording, over all relations together.
 
 A hypothesis is a set of faults of the catalogue. Mended by it, each relation has a misfit q, the share of what both
 sides carry that they do not have in common; both sides count alike, so that no hypothesis wins by making a signal
@@ -89,23 +89,24 @@ class Mended:
 
     def forms(self, faults: Sequence[RecordingFault]) -> tuple[dict[str, Form], float]:
         """Return every signal as a set of faults has it, and the factor of the time."""
-        found = {name: Form(name) for name in self.signals}
+        forms = {name: Form(name) for name in self.signals}
         time = 1.0
         for fault in faults:
             if fault.kind == TIME:
                 time *= fault.factor
             elif fault.kind == EXCHANGED:
-                one, other = fault.signals
-                found[one], found[other] = _times(found[other], fault.factor), _times(found[one], 1 / fault.factor)
+                first, second = fault.signals
+                exchanged = _times(forms[second], fault.factor), _times(forms[first], 1 / fault.factor)
+                forms[first], forms[second] = exchanged
             else:
                 for name in fault.signals:
-                    changed = _times(found[name], fault.factor)
-                    found[name] = Form(changed.source, changed.factor, changed.offset + fault.offset)
-        if self.placed and (found["latitude"] != Form("latitude") or found["longitude"] != Form("longitude")):
-            place = found["latitude"], found["longitude"]
+                    changed = _times(forms[name], fault.factor)
+                    forms[name] = Form(changed.source, changed.factor, changed.offset + fault.offset)
+        if self.placed and (forms["latitude"] != Form("latitude") or forms["longitude"] != Form("longitude")):
+            place = forms["latitude"], forms["longitude"]
             for name in ("position_x", "position_y"):
-                found[name] = Form(name, found[name].factor, found[name].offset, place)
-        return found, time
+                forms[name] = Form(name, forms[name].factor, forms[name].offset, place)
+        return forms, time
 
     def values(self, form: Form) -> Floats:
         """Return all samples of a signal."""
@@ -114,8 +115,8 @@ class Mended:
             if form.place is not None:
                 east, north = tangent_plane(*(self.values(f) for f in form.place))
                 source = east if form.source == "position_x" else north
-            found = form.factor * source + form.offset
-            self._values[form] = _unwrapped(found) if form.source == "heading" and abs(form.factor) != 1 else found
+            values = form.factor * source + form.offset
+            self._values[form] = _unwrapped(values) if form.source == "heading" and abs(form.factor) != 1 else values
         return self._values[form]
 
     def smooth(self, form: Form, step: float, order: int) -> Floats:
@@ -125,8 +126,8 @@ class Mended:
             scale, offset, form = form.factor, form.offset * (order == 0), Form(form.source, place=form.place)
         key = form, step, order
         if key not in self._smooth:
-            found = local_polynomial(self.values(form), step, _WINDOW, order)
-            self._smooth[key] = found[:: every(len(found), step)]
+            smoothed = local_polynomial(self.values(form), step, _WINDOW, order)
+            self._smooth[key] = smoothed[:: every(len(smoothed), step)]
         return scale * self._smooth[key] + offset
 
 
@@ -140,10 +141,10 @@ def _times(form: Form, factor: float) -> Form:
 
 
 def _unwrapped(angle: Floats) -> Floats:
-    known = np.isfinite(angle)
-    found = angle.copy()
-    found[known] = np.unwrap(angle[known])
-    return found
+    finite = np.isfinite(angle)
+    result = angle.copy()
+    result[finite] = np.unwrap(angle[finite])
+    return result
 
 
 class View:
@@ -195,13 +196,13 @@ class FaultSearch:
         forms, time = self.mended.forms(faults)
         step = self.mended.step * time
         view = View(self.mended, forms, step)
-        found = []
+        misfits = []
         for n, relation in enumerate(self.relations):
             key = (n, step, *(forms[s] for s in relation.signals))
             if key not in self._misfits:
                 self._misfits[key] = _misfit(relation, view)
-            found.append(self._misfits[key])
-        return found
+            misfits.append(self._misfits[key])
+        return misfits
 
     def score(self, faults: Sequence[RecordingFault]) -> float:
         """Return the logarithm of likelihood times prior."""
@@ -334,8 +335,8 @@ def _misfit(relation: Relation, view: View) -> RelationMisfit:
         q, free, floor = _shared(relation, *pairs[int(np.argmax(likeness))], independent)
     at_best = -independent / 2 * float(np.log(relation.misfit**2 / 2))
     likelihood = -independent / 2 * float(np.log(min((q + floor) / (1 + floor), 2.0)))
-    found = max(likelihood - free, 0.0) if likelihood > 0 else likelihood * float(np.exp(-free))
-    return RelationMisfit(q, found, at_best, free, _calm(relation, measured[both], computed[both]))
+    penalised = max(likelihood - free, 0.0) if likelihood > 0 else likelihood * float(np.exp(-free))
+    return RelationMisfit(q, penalised, at_best, free, _calm(relation, measured[both], computed[both]))
 
 
 def _calm(relation: Relation, measured: Floats, computed: Floats) -> bool:

@@ -1,4 +1,4 @@
-"""Lines of the channel map that mend what is wrong, and which causes are worth one.
+"""Lines of the channel map that correct faults and small deviations.
 
 A recording that is mended of its causes is compared again. A cause that is not sure, or without which the comparisons
 agree as well, is stated and not mended: a wrong line makes a right channel wrong. Where a nominal model is given,
@@ -72,11 +72,11 @@ def worth_mending(causes: Sequence[Cause], fits: Sequence[Agreement], smoothed: 
     """
     kept = [c for c in causes if c.posterior > SURE and not (c.kind == DELAY and c.std > _COARSE)]
     touched = {n for c in kept for n in c.signals}
-    of = [f for f in fits if touched & set(f.relation.signals)]
-    reached = _disagreement(kept, of, smoothed) if kept else (0, 0.0)
+    concerned = [f for f in fits if touched & set(f.relation.signals)]
+    reached = _disagreement(kept, concerned, smoothed) if kept else (0, 0.0)
     for cause in sorted(kept, key=lambda c: c.posterior):
         fewer = [c for c in kept if c is not cause]
-        without = _disagreement(fewer, of, smoothed)
+        without = _disagreement(fewer, concerned, smoothed)
         if without <= reached:
             kept, reached = fewer, without
     return kept
@@ -156,25 +156,25 @@ def mended(
         duration: s of the recording, over which a clock drifts.
         unsigned: Speeds without a sign in a recording of a vehicle that drives backwards.
     """
-    found = listed(copy.deepcopy(dict(content)))
+    result = listed(copy.deepcopy(dict(content)))
     for name in unsigned:
-        found[name]["reverse"] = COURSE
+        result[name]["reverse"] = COURSE
     for fault in faults:
-        _mend(found, fault)
+        _mend(result, fault)
     for cause in causes:
-        _correct(found, cause, clocks, duration)
-    return found
+        _correct(result, cause, clocks, duration)
+    return result
 
 
 def lines(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[str]:
     """Return the lines of the map that are others than before."""
     old = listed(before)
-    found = []
+    changed = []
     for key, value in after.items():
         if value != old.get(key):
             plain = value[0] if key == "time" and isinstance(value, list) and len(value) == 1 else value
-            found.append(_line(key, plain))
-    return found
+            changed.append(_line(key, plain))
+    return changed
 
 
 def _line(key: str, value: Any) -> str:
@@ -201,16 +201,16 @@ def _mend(content: dict[str, Any], fault: RecordingFault) -> None:
             rate["rate"] = to_si(rate["rate"], "Hz", "recording.rate") / fault.factor
         return
     if fault.kind == EXCHANGED:
-        one, other = fault.signals
-        alike = SIGNALS[one].unit == SIGNALS[other].unit
+        first, second = fault.signals
+        alike = SIGNALS[first].unit == SIGNALS[second].unit
         if fault.factor == 1.0 and alike:
-            content[one], content[other] = content[other], content[one]
+            content[first], content[second] = content[second], content[first]
             return
-        content[one]["channel"], content[other]["channel"] = content[other]["channel"], content[one]["channel"]
+        content[first]["channel"], content[second]["channel"] = content[second]["channel"], content[first]["channel"]
         if fault.factor == 1.0:  # both keep the numbers that they had, in units of their own
-            scales = [scale(content[name]["unit"], SIGNALS[name].unit, name) for name in (one, other)]
-            _scaled(content[one], one, scales[1] / scales[0])
-            _scaled(content[other], other, scales[0] / scales[1])
+            scales = [scale(content[name]["unit"], SIGNALS[name].unit, name) for name in (first, second)]
+            _scaled(content[first], first, scales[1] / scales[0])
+            _scaled(content[second], second, scales[0] / scales[1])
         return
     for name in fault.signals:
         entry = content.get(name)

@@ -1,4 +1,4 @@
-"""What does a comparison say of every channel in it?
+"""Linear response of a comparison to a scale, offset, delay or drift of every channel in it.
 
 The two sides of a comparison differ by what each of their channels is off. Around the slope and the delay that fit
 best, a small cause ``theta`` in a channel changes the difference by ``theta`` times a column of its own, so that the
@@ -53,7 +53,7 @@ def usual_size(kind: str, signal: str) -> float:
 
 @dataclass(frozen=True)
 class Response:
-    """What one comparison says, in the directions in which it says anything.
+    """Response of one comparison, in the directions that it determines.
 
     Attributes:
         value: ``(directions,)``.
@@ -94,7 +94,7 @@ def response(
         design[0, KINDS.index(OFFSET)] = [fit.relation.signal in names for names in channels]
         covariance = np.array([[fit.offset_std**2 + _ALIGNED**2]])
         return Response(np.array([fit.offset]), design, covariance, covariance)
-    sides = _Sides(fit, smoothed.of(fit.relation, fit.window), channels, drifts)
+    sides = _Sides(fit, smoothed.sources(fit.relation, fit.window), channels, drifts)
     return sides.response() if sides.enough else None
 
 
@@ -143,14 +143,14 @@ class _Sides:
         place = self._take[rows]
         centred = (place - place.mean()) / max(np.ptp(place), 1) if len(place) else self.ones
         if drifts and relation.exact:
-            self._of(DRIFT)[:] = self._of(DELAY) * centred[:, None]
+            self._columns_of(DRIFT)[:] = self._columns_of(DELAY) * centred[:, None]
 
     @property
     def enough(self) -> bool:
         """Whether there are enough rows for so many columns."""
         return len(self.measured) >= 10 * (len(self.channels) + 4)
 
-    def _of(self, kind: str) -> Floats:
+    def _columns_of(self, kind: str) -> Floats:
         """Return the columns of one kind, to be written to."""
         n = KINDS.index(kind)
         return self.columns[:, n * len(self.channels) : (n + 1) * len(self.channels)]
@@ -163,29 +163,29 @@ class _Sides:
         relation = self.fit.relation
         kinds = [SCALE, *([DELAY] if self._delayed else ())]
         kinds += [OFFSET] if relation.exact and not relation.through_zero else []
-        found = np.zeros((len(self._take), len(KINDS), len(self.channels)))
+        columns = np.zeros((len(self._take), len(KINDS), len(self.channels)))
         # only what both sides have in common of their rates tells a delay: the noise of one of them does not
         share = self.fit.signal_share
         own = {SCALE: self.base, DELAY: -share * self.rate, OFFSET: self.ones * (relation.order == 0)}
         for kind in kinds:
             for m, names in enumerate(self.channels):
-                column = found[:, KINDS.index(kind), m]
+                column = columns[:, KINDS.index(kind), m]
                 if relation.signal in names:
                     column += own[kind]
                 if set(names) & set(relation.needs):
                     by = _SMALL_STEP[kind]
                     changed = relation.compute(_Moved(sources, kind, names, by)) - computed  # type: ignore[arg-type]
                     column -= (share if kind == DELAY else 1.0) * self.fit.slope * self._aligned(changed / by)
-        return found.reshape(len(self._take), -1)
+        return columns.reshape(len(self._take), -1)
 
     def response(self) -> Response:
         """Return what the difference says."""
         fit, relation = self.fit, self.fit.relation
         centre, factor = relation.slope
         free = [] if relation.through_zero else [self.ones]
-        left = without(np.stack([self.base, self.rate, *free, *self.arm], 1), self.measured)
+        residual = without(np.stack([self.base, self.rate, *free, *self.arm], 1), self.measured)
         off = float(np.log(fit.slope / centre))
-        nuisance, y = [*self.arm], left + off * self.base
+        nuisance, y = [*self.arm], residual + off * self.base
         if self._delayed:
             y = y - fit.delay * fit.signal_share * self.rate
         else:
@@ -206,7 +206,7 @@ class _Sides:
         noise = y - across @ value
         # what one channel explains has to stand out of all that is left, some of which the relation neglects
         lags = int(max(MEMORY, fit.window) / (self._every * self._step))
-        covariance = long_run(across * without(others, left)[:, None], lags)
+        covariance = long_run(across * without(others, residual)[:, None], lags)
         covariance += self._of_both_sides(design, float(noise @ noise))
         covariance += _along(across.T @ whole, float(np.hypot(np.log(factor), fit.unresolved)))
         if self._delayed:
@@ -220,21 +220,21 @@ class _Sides:
 
     def _of_both_sides(self, design: Floats, noise: float) -> Floats:
         """Return how uncertain the noise leaves the scales, as nobody knows whose it is: from none to all of it."""
-        found = np.zeros((len(design), len(design)))
+        covariance = np.zeros((len(design), len(design)))
         back: Floats = np.linalg.pinv(design.T).astype(float)
         for m in np.flatnonzero(design[:, : len(self.channels)].any(axis=0)):
-            found += _along(back[:, m], noise / np.sqrt(12))
-        return found
+            covariance += _along(back[:, m], noise / np.sqrt(12))
+        return covariance
 
     def _needs_none(self, design: Floats) -> Floats:
         """Return what every channel may be off without a fault: two of them together a third of what is reported."""
-        found = np.zeros((len(design), len(design)))
+        covariance = np.zeros((len(design), len(design)))
         least = {SCALE: LEAST_SCALE[self.fit.relation.through_zero], DELAY: LEAST_DELAY, DRIFT: LEAST_DELAY}
         for kind, size in least.items():
             n = KINDS.index(kind)
             for column in design[:, n * len(self.channels) : (n + 1) * len(self.channels)].T:
-                found += _along(column, size / _NEEDS_NONE / np.sqrt(2))
-        return found
+                covariance += _along(column, size / _NEEDS_NONE / np.sqrt(2))
+        return covariance
 
 
 def _along(direction: Floats, size: float) -> Floats:

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 from harness.common.errors import UserError
 from harness.config.parameter_set import load_set
 from harness.recordings import readers
 from harness.recordings.check import remedy
-from harness.recordings.check.axle_curves import Axle, axles_of
+from harness.recordings.check.axle_curves import AxleCurve, axles_of
 from harness.recordings.check.causes import DELAY, DRIFT
 from harness.recordings.check.examine import Examination, Finding, examine
 from harness.recordings.check.remedy import FitError, spoils
@@ -22,11 +24,12 @@ from harness.recordings.motion.consistency import DISAGREES, DelayUnknown, verdi
 from harness.recordings.motion.pair_fit import Agreement
 from harness.recordings.read.channel_map import ESTIMATE, load_map, map_content
 from harness.recordings.read.channels import plain_map
+from harness.recordings.read.in_memory import name_of, tables_of
 from harness.recordings.read.load import recording_of
 from harness.recordings.read.span import Span, file_and_span, part_of
 from harness.recordings.readers import Table
 
-__all__ = ["CheckFindings", "MapRemedy", "check_recording", "check_tables"]
+__all__ = ["CheckResult", "MapRemedy", "check_recording", "check_tables"]
 
 _ROUNDS = 3
 """Times that a mended map is examined again: a large fault hides a small one."""
@@ -60,22 +63,22 @@ class MapRemedy:
 
 
 @dataclass(frozen=True)
-class CheckFindings:
-    """What a check found.
+class CheckResult:
+    """Result of a check.
 
     Attributes:
         recording: As ``load_recording`` returns it.
         examination: Comparisons of its signals, and what explains them.
-        found: What is wrong, the largest first.
+        findings: What is wrong, the largest first.
         remedy: The lines that mend the map; None if there is nothing to mend.
         axles: Lateral force over load against slip angle, if the parameters of the car were given.
     """
 
     recording: xr.Dataset
     examination: Examination
-    found: tuple[Finding, ...]
+    findings: tuple[Finding, ...]
     remedy: MapRemedy | None = None
-    axles: list[Axle] = field(default_factory=list)
+    axles: list[AxleCurve] = field(default_factory=list)
 
     @property
     def fits(self) -> tuple[Agreement, ...]:
@@ -90,19 +93,19 @@ class CheckFindings:
     @property
     def warnings(self) -> list[str]:
         """All irregularities, with the evidence."""
-        return [*self.recording.attrs["warnings"], *(str(f) for f in self.found)]
+        return [*self.recording.attrs["warnings"], *(str(f) for f in self.findings)]
 
 
 def check_recording(
-    file: str | Path,
+    source: str | os.PathLike[str] | pd.DataFrame | xr.Dataset,
     channels: str | Path | Mapping[str, Any] | None = None,
     parameters: str | None = None,
     fit_error: FitError | None = None,
-) -> CheckFindings:
+) -> CheckResult:
     """Read a recording and compare its signals with each other.
 
     Args:
-        file: Recording, or a part of one: ``log.csv@0s:118s``.
+        source: Recording as ``load_recording`` takes it.
         channels: Channel map, if its columns are no signals in SI units.
         parameters: Parameter set or parameter file of a car, for the curves of its axles.
         fit_error: Of the nominal model, by which each line of the mended map is tried.
@@ -115,20 +118,24 @@ def check_recording(
     if channels is not None:
         load_map(channels)  # names the file in its messages
         content = map_content(channels)
-    path, span = file_and_span(file)
-    return with_axles(check_tables(readers.read_tables(path), str(path), content, span, fit_error), parameters)
+    if isinstance(source, str | os.PathLike):
+        path, span = file_and_span(source)
+        tables, name = readers.read_tables(path), str(path)
+    else:
+        tables, name, span = tables_of(source, content is not None), name_of(source), None
+    return _with_axles(check_tables(tables, name, content, span, fit_error), parameters)
 
 
-def with_axles(found: CheckFindings, parameters: str | None) -> CheckFindings:
-    """Return findings with the curves of the axles, if the parameters of a car are given and its motion is recorded."""
+def _with_axles(result: CheckResult, parameters: str | None) -> CheckResult:
+    """Return a result with the axle curves, if the parameters of a car are given and its motion is recorded."""
     if parameters is None:
-        return found
+        return result
     values = load_set(parameters, Path(), "--parameters").values
     try:
-        return replace(found, axles=axles_of([found.recording], values, f"--parameters {parameters}"))
+        return replace(result, axles=axles_of([result.recording], values, f"--parameters {parameters}"))
     except UserError as error:
-        found.recording.attrs["warnings"].append(f"no curves of the axles: {error}")
-        return found
+        result.recording.attrs["warnings"].append(f"no curves of the axles: {error}")
+        return result
 
 
 def check_tables(
@@ -137,7 +144,7 @@ def check_tables(
     content: Mapping[str, Any] | None = None,
     span: Span | None = None,
     fit_error: FitError | None = None,
-) -> CheckFindings:
+) -> CheckResult:
     """Compare the signals of what a reader returned with each other.
 
     Args:
@@ -152,7 +159,7 @@ def check_tables(
     """
     given = remedy.content_of(plain_map(tables, file)) if content is None else remedy.listed(content)
     recording, examination, _ = _examined(tables, file, given, span)
-    found = list(examination.findings)
+    findings = list(examination.findings)
     after, last = given, examination
     mended: MapRemedy | None = None
     for _ in range(_ROUNDS):
@@ -165,38 +172,38 @@ def check_tables(
         except UserError:
             break
         mended = MapRemedy(after, tuple(remedy.lines(given, after)), last.fits)
-        found = [f for f in found if f.mends and not (f.kind == DELAY and estimated & set(f.signals))]
-        found += last.findings
-    findings = CheckFindings(recording, examination, tuple(_once(found)), mended)
+        findings = [f for f in findings if f.mends and not (f.kind == DELAY and estimated & set(f.signals))]
+        findings += last.findings
+    result = CheckResult(recording, examination, tuple(_once(findings)), mended)
     if mended is None or fit_error is None:
-        return findings
-    return tried_by_fit(findings, given, lambda c: _examined(tables, file, c, span), fit_error)
+        return result
+    return tried_by_fit(result, given, lambda c: _examined(tables, file, c, span), fit_error)
 
 
 def tried_by_fit(
-    findings: CheckFindings,
+    result: CheckResult,
     given: Mapping[str, Any],
     examined: Callable[[dict[str, Any]], _Examined],
     fit_error: FitError,
-) -> CheckFindings:
+) -> CheckResult:
     """Withdraw the lines of the mended map with which the nominal model fits worse than without them.
 
     Args:
-        findings: With a mended map.
+        result: With a mended map.
         given: The map as it was.
         examined: Reads and examines the recording by a map.
         fit_error: Of the nominal model.
     """
-    assert findings.remedy is not None
-    content = findings.remedy.content
-    warnings = findings.recording.attrs["warnings"]
+    assert result.remedy is not None
+    content = result.remedy.content
+    warnings = result.recording.attrs["warnings"]
     try:
         reached = fit_error(examined(content)[0])
     except UserError as error:
         warnings.append(f"the mended map was not tried by a fit of the nominal model: {error}")
-        return findings
+        return result
     judged = []
-    for finding in findings.found:
+    for finding in result.findings:
         without = _without(content, given, finding) if finding.mends else content
         try:
             alone = reached if without == content else fit_error(examined(without)[0])
@@ -211,7 +218,7 @@ def tried_by_fit(
     mended = None
     if content != given:
         mended = MapRemedy(content, tuple(remedy.lines(given, content)), examined(content)[1].fits)
-    return replace(findings, found=tuple(judged), remedy=mended)
+    return replace(result, findings=tuple(judged), remedy=mended)
 
 
 def _without(content: dict[str, Any], given: Mapping[str, Any], finding: Finding) -> dict[str, Any]:
@@ -222,9 +229,9 @@ def _without(content: dict[str, Any], given: Mapping[str, Any], finding: Finding
     return {k: given.get(k, v) if k in keys else v for k, v in content.items()}
 
 
-def _once(found: list[Finding]) -> list[Finding]:
+def _once(findings: list[Finding]) -> list[Finding]:
     """Return the findings, of the same kind and signals the first only."""
-    kept = {(f.kind, f.signals): f for f in reversed(found)}
+    kept = {(f.kind, f.signals): f for f in reversed(findings)}
     return list(reversed(kept.values()))
 
 

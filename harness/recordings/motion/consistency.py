@@ -1,4 +1,4 @@
-"""How does one signal of a recording agree with what kinematics makes of the others?
+"""Agreement of a signal of a recording with the one that kinematics computes from the others.
 
 A measured signal is explained by ``y(t) = k c(t - delay) + offset + arm e(t)``. Both sides carry errors, so the slope
 is known only to lie between the regression of one on the other and the inverse of that of the other on the one (Frisch
@@ -86,11 +86,11 @@ class SmoothedSignals:
 
     def __init__(self, signals: Mapping[str, Floats], step: float, origins: Mapping[str, Origin] | None = None) -> None:
         self.signals, self.step, self.origins = signals, step, origins or {}
-        self._known = {(w, n): Sources(signals, step, w, n) for w in WINDOWS for n in range(3)}
+        self._sources = {(w, n): Sources(signals, step, w, n) for w in WINDOWS for n in range(3)}
 
-    def of(self, relation: Relation, window: float) -> Sources:
+    def sources(self, relation: Relation, window: float) -> Sources:
         """Return the signals as a relation takes them."""
-        return self._known[window, relation.highest]
+        return self._sources[window, relation.highest]
 
     def origin(self, signal: str) -> Origin:
         """Return where a signal comes from; the only clock where nothing else is stated."""
@@ -122,7 +122,7 @@ def applicable(signals: Mapping[str, Floats], derived: Collection[str] = ()) -> 
 
     One channel under two names is compared once, and of one signal and formula the first counts.
     """
-    found: list[Relation] = []
+    relations: list[Relation] = []
     twins = {n: _first_twin(n, signals) for n in signals}
     done: set[tuple[str, str]] = set()
     for relation in RELATIONS:
@@ -133,8 +133,8 @@ def applicable(signals: Mapping[str, Floats], derived: Collection[str] = ()) -> 
             twins[n] for n in relation.needs if len(relation.needs) == 1
         }:
             done.add(key)
-            found.append(relation)
-    return found
+            relations.append(relation)
+    return relations
 
 
 def _first_twin(name: str, signals: Mapping[str, Floats]) -> str:
@@ -189,7 +189,7 @@ def find_delay(signal: str, signals: dict[str, Floats], step: float, where: str)
 def compare(relation: Relation, smoothed: SmoothedSignals) -> Agreement:
     """Fit one relation and judge it."""
     windows = smoothed.windows(relation)
-    sides = [_sides(relation, smoothed.of(relation, window)) for window in windows]
+    sides = [_sides(relation, smoothed.sources(relation, window)) for window in windows]
     counts = [int((np.isfinite(m) & np.isfinite(c)).sum()) for m, c, _ in sides]
     step, measured, computed = smoothed.step, sides[0][0], sides[0][1]
     empty = Agreement(relation, NOT_JUDGED, (), counts[0], measured, computed, step,
@@ -197,8 +197,8 @@ def compare(relation: Relation, smoothed: SmoothedSignals) -> Agreement:
     if counts[0] * step < 4 * LONGEST_DELAY or counts[0] < 40:
         only = f" of those {relation.where}" if relation.where else ""
         least = max(4 * LONGEST_DELAY, 40 * step)
-        known = f"both are known on {counts[0]} samples{only}, {counts[0] * step:.3g} s; {least:.3g} s are needed"
-        return replace(empty, reasons=(known,))
+        too_few = f"both are known on {counts[0]} samples{only}, {counts[0] * step:.3g} s; {least:.3g} s are needed"
+        return replace(empty, reasons=(too_few,))
     if relation.circular:
         return _turned(empty)
     usable = [side for side, count in zip(sides, counts, strict=True) if count > 0.5 * counts[0]]
@@ -209,13 +209,13 @@ def compare(relation: Relation, smoothed: SmoothedSignals) -> Agreement:
         fit_pair(replace(empty, measured=m, computed=c), arm, w)
         for (m, c, arm), w in zip(usable, windows, strict=False)
     ]
-    found = [(f, _information(f, w)) for f, w in zip(fits, windows, strict=False) if f is not None]
-    if not found:
+    informed = [(f, _information(f, w)) for f, w in zip(fits, windows, strict=False) if f is not None]
+    if not informed:
         return replace(empty, reasons=("too few samples on which both are known",))
-    best = max(found, key=lambda item: item[1])[0]
+    best = max(informed, key=lambda item: item[1])[0]
     if best.explained < RELATED and calm is not None:
         return replace(best, reasons=(calm,))
-    sharp = [f for f, _ in found if f.explained >= RELATED and np.isfinite(f.delay)]
+    sharp = [f for f, _ in informed if f.explained >= RELATED and np.isfinite(f.delay)]
     if best.scaled and sharp:  # noise turns no delay, only blurs it: a short window knows it best
         late = min(sharp, key=lambda f: f.delay_std)
         best = replace(best, delay=late.delay, delay_std=late.delay_std, window=late.window,
@@ -246,8 +246,8 @@ def tolerance(relation: Relation) -> float:
 
 
 def _spread(relation: Relation, values: Floats) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.sqrt((known**2).mean())) if relation.through_zero else float(known.std())
+    finite = values[np.isfinite(values)]
+    return float(np.sqrt((finite**2).mean())) if relation.through_zero else float(finite.std())
 
 
 def _calm(relation: Relation, measured: Floats, computed: Floats) -> str | None:
@@ -288,16 +288,16 @@ def _turned(fit: Agreement) -> Agreement:
     mean = difference.mean()
     offset, together = float(np.angle(mean)), float(np.abs(mean))
     spread = float(np.sqrt(-2 * np.log(max(together, 1e-12))))
-    found = replace(fit, offset=offset, offset_std=spread / np.sqrt(max(both.sum() * fit.step / MEMORY, 1)),
+    compared = replace(fit, offset=offset, offset_std=spread / np.sqrt(max(both.sum() * fit.step / MEMORY, 1)),
                     explained=together)  # fmt: skip
     if together < 0.95:
         return replace(
-            found, verdict=DISAGREES, reasons=(f"they differ by {np.degrees(spread):.0f}° from time to time",)
+            compared, verdict=DISAGREES, reasons=(f"they differ by {np.degrees(spread):.0f}° from time to time",)
         )
-    if abs(offset) > max(_MISALIGNED, SURE * found.offset_std):
+    if abs(offset) > max(_MISALIGNED, SURE * compared.offset_std):
         reasons = (f"they differ by {np.degrees(offset):.1f}° throughout",)
-        return replace(found, verdict=DISAGREES, reasons=reasons, off=frozenset({"offset"}))
-    return replace(found, verdict=AGREES)
+        return replace(compared, verdict=DISAGREES, reasons=reasons, off=frozenset({"offset"}))
+    return replace(compared, verdict=AGREES)
 
 
 def _judged(fit: Agreement) -> Agreement:
@@ -337,22 +337,22 @@ def _manoeuvre(relation: Relation) -> str:
 
 def _shifts(fit: Agreement) -> dict[str, str]:
     """Say whether a signal is late, drifts or has an offset."""
-    found = {}
+    reasons = {}
     if not np.isfinite(fit.delay):
         if fit.slope > 0 and _differ(fit):
-            found["relation"] = f"alike at no delay up to {LONGEST_DELAY} s"
+            reasons["relation"] = f"alike at no delay up to {LONGEST_DELAY} s"
     elif abs(fit.delay) > max(LEAST_DELAY, SURE * fit.delay_std):
         way = "late" if fit.delay > 0 else "early"
-        found["delay"] = f"{abs(fit.delay) * 1e3:.0f} ± {fit.delay_std * 1e3:.1f} ms {way}"
+        reasons["delay"] = f"{abs(fit.delay) * 1e3:.0f} ± {fit.delay_std * 1e3:.1f} ms {way}"
     if abs(fit.drift) > max(2 * LEAST_DELAY, SURE * fit.drift_std):
         shown = f"{fit.drift * 1e3:.0f} ± {fit.drift_std * 1e3:.1f} ms"
-        found["drift"] = f"later by {shown} at the end than at the beginning"
+        reasons["drift"] = f"later by {shown} at the end than at the beginning"
     least = max(SURE * fit.offset_std, LEAST_OFFSET * float(np.nanstd(fit.measured)))
     if not fit.relation.through_zero and abs(fit.offset) > least:
         value, unit = in_report_unit(fit, fit.offset)
         spread, _ = in_report_unit(fit, fit.offset_std)
-        found["offset"] = f"offset of {value:.3g} ± {spread:.2g} {print_unit(unit)}"
-    return found
+        reasons["offset"] = f"offset of {value:.3g} ± {spread:.2g} {print_unit(unit)}"
+    return reasons
 
 
 def _differ(fit: Agreement) -> bool:
@@ -370,7 +370,7 @@ def verdicts(fits: Sequence[Agreement]) -> str:
     if not fits:
         return "nothing could be compared: no two of the signals are tied by kinematics"
     by = {v: [f for f in fits if f.verdict == v] for v in (AGREES, DISAGREES, NOT_JUDGED)}
-    counts = {v: len(found) for v, found in by.items()}
+    counts = {v: len(group) for v, group in by.items()}
     parts = [f"{counts[AGREES]} agree{'s' if counts[AGREES] == 1 else ''}"]
     if counts[DISAGREES]:
         parts.append(f"{counts[DISAGREES]} do{'es' if counts[DISAGREES] == 1 else ''} not")

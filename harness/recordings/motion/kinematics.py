@@ -57,10 +57,10 @@ def local_polynomial(
     return result
 
 
-def to_vehicle_axes(forward: Any, left: Any, yaw: float) -> tuple[Any, Any]:
+def to_vehicle_axes(longitudinal: Any, lateral: Any, yaw: float) -> tuple[Any, Any]:
     """Turn the components of a vector from the axes of a sensor mounted at ``yaw`` into the vehicle's (3.29, 3.30)."""
     cosine, sine = np.cos(yaw), np.sin(yaw)
-    return cosine * forward - sine * left, sine * forward + cosine * left
+    return cosine * longitudinal - sine * lateral, sine * longitudinal + cosine * lateral
 
 
 def earth_to_vehicle(east: Any, north: Any, heading: Any) -> tuple[Any, Any]:
@@ -108,17 +108,17 @@ class Sources:
     step: float
     window: float
     alike: int | None = None
-    _known: dict[tuple[str, int], Floats] = field(default_factory=dict, repr=False, compare=False)
+    _smoothed: dict[tuple[str, int], Floats] = field(default_factory=dict, repr=False, compare=False)
 
     def __getitem__(self, name: str) -> Floats:
         return self.rate(name, 0)
 
     def rate(self, name: str, derivative: int = 1) -> Floats:
         """Return a signal smoothed, or a derivative of it."""
-        if (name, derivative) not in self._known:
-            found = local_polynomial(self.signals[name], self.step, self.window, derivative, self.alike)
-            self._known[name, derivative] = found
-        return self._known[name, derivative]
+        if (name, derivative) not in self._smoothed:
+            values = local_polynomial(self.signals[name], self.step, self.window, derivative, self.alike)
+            self._smoothed[name, derivative] = values
+        return self._smoothed[name, derivative]
 
 
 def _velocity(s: Sources) -> tuple[Floats, Floats]:

@@ -29,7 +29,7 @@ _THIRDS = 3
 
 @dataclass(frozen=True)
 class Agreement:
-    """How one signal agrees with what the others make of it.
+    """Agreement of one signal with the one computed from others.
 
     Attributes:
         relation: Which two were compared.
@@ -119,11 +119,11 @@ def fit_pair(fit: Agreement, arm: Floats | None, window: float) -> Agreement | N
         rows = np.isfinite(table).all(axis=1) & kept
         if rows.sum() < 10 * (len(columns) + 1):
             return None
-        known = table[rows]
-        pair = _Pair(known[:, :-3], known[:, -3], known[:, -2], known[:, -1], take[rows])
-        left = np.abs(pair.left)
-        usual = np.median(left)
-        away = left > 8 * 1.4826 * usual
+        complete = table[rows]
+        pair = _Pair(complete[:, :-3], complete[:, -3], complete[:, -2], complete[:, -1], take[rows])
+        residual = np.abs(pair.residual)
+        usual = np.median(residual)
+        away = residual > 8 * 1.4826 * usual
         if usual > 0 and 0 < away.sum() < 0.03 * rows.sum():  # single samples that jump
             kept[np.flatnonzero(rows)[away]] = False
             continue
@@ -135,13 +135,13 @@ def fit_pair(fit: Agreement, arm: Floats | None, window: float) -> Agreement | N
             break
     lags = int(max(MEMORY, window) / (every * step))
     aligned &= pair.determines_delay(lags) and abs(delay) < 0.9 * LONGEST_DELAY
-    found = replace(_estimates(fit, pair, lags, arm is not None), window=window)
+    fitted = replace(_estimates(fit, pair, lags, arm is not None), window=window)
     if not aligned:
-        return found
+        return fitted
     drift, drift_std = pair.drift(lags)
-    share = pair.curvature / (abs(found.slope) * float(pair.rate @ pair.rate))
+    share = pair.curvature / (abs(fitted.slope) * float(pair.rate @ pair.rate))
     return replace(
-        found, delay=delay, delay_std=pair.delay_std(lags), drift=drift, drift_std=drift_std,
+        fitted, delay=delay, delay_std=pair.delay_std(lags), drift=drift, drift_std=drift_std,
         signal_share=float(np.clip(share, 0.0, 1.0)),
     )  # fmt: skip
 
@@ -162,7 +162,7 @@ class _Pair:
         self.base, self.target = base, target
         both = np.column_stack([target, computed_rate])
         values = np.linalg.lstsq(base, both, rcond=None)[0]
-        self.left, self.rate = np.ascontiguousarray((both - base @ values).T)
+        self.residual, self.rate = np.ascontiguousarray((both - base @ values).T)
         self.values = values[:, 0]
         self.measured_rate = without(base[:, 1:], measured_rate)
         self.curvature = float(self.rate @ measured_rate)
@@ -175,7 +175,7 @@ class _Pair:
         The rates of both sides have no noise in common, so their product knows how sharp the peak of the correlation
         is; the square of one of them would hold its noise, and the delay would come out too small and too sure.
         """
-        return -float(self.rate @ self.left) / self.curvature
+        return -float(self.rate @ self.residual) / self.curvature
 
     def determines_delay(self, lags: int, rows: Mask | slice = slice(None), least: float = _INFORMED) -> bool:
         """Tell whether the rates of both sides have more in common than two independent noises would by chance."""
@@ -186,7 +186,7 @@ class _Pair:
     def delay_std(self, lags: int, rows: Mask | slice = slice(None)) -> float:
         """Return the standard error of the delay, in s."""
         rate = self.rate[rows]
-        noise = long_run((rate * self.left[rows])[:, None], lags)[0, 0]
+        noise = long_run((rate * self.residual[rows])[:, None], lags)[0, 0]
         return float(np.sqrt(max(noise, 0.0)) / max(rate @ self.measured_rate[rows], 1e-300))
 
     def drift(self, lags: int) -> tuple[float, float]:
@@ -198,7 +198,7 @@ class _Pair:
         parts = [(self._place >= k / _THIRDS) & (self._place <= (k + 1) / _THIRDS) for k in range(_THIRDS)]
         if any(p.sum() < 10 or not self.determines_delay(lags, p, _INFORMED / 2) for p in parts):
             return np.nan, np.nan
-        late = np.array([-(self.rate[p] @ self.left[p]) / (self.rate[p] @ self.measured_rate[p]) for p in parts])
+        late = np.array([-(self.rate[p] @ self.residual[p]) / (self.rate[p] @ self.measured_rate[p]) for p in parts])
         spread = np.array([self.delay_std(lags, p) for p in parts])
         design = np.column_stack([np.ones(_THIRDS), [self._place[p].mean() for p in parts]]) / spread[:, None]
         values, residual = np.linalg.lstsq(design, late / spread, rcond=None)[:2]
@@ -207,14 +207,14 @@ class _Pair:
 
 
 def without(others: Floats, values: Floats) -> Floats:
-    """Return what is left of a column after least squares on others."""
+    """Return the residual of a column after least squares on others."""
     return values - others @ np.linalg.lstsq(others, values, rcond=None)[0] if others.shape[1] else values
 
 
 def _estimates(fit: Agreement, pair: _Pair, lags: int, with_arm: bool) -> Agreement:
     """Return the fit with values and standard errors."""
     base, first = pair.base, pair.values
-    spread = _robust_errors(base, pair.left, lags)
+    spread = _robust_errors(base, pair.residual, lags)
     own = [without(base[:, 1:], v) for v in (pair.target, base[:, 0])]
     total, regressor = (float((v**2).sum()) for v in own)
     explained = 0.0 if min(total, regressor) == 0 else float((own[0] @ own[1]) ** 2 / (total * regressor))
@@ -231,7 +231,7 @@ def _estimates(fit: Agreement, pair: _Pair, lags: int, with_arm: bool) -> Agreem
         offset_std=float(spread[1]) if free else np.nan,
         arm=float(first[-1]) if with_arm else np.nan,
         arm_std=float(spread[-1]) if with_arm else np.nan,
-        explained=float(1 - pair.left.var() / pair.target.var()) if free else explained,
+        explained=float(1 - pair.residual.var() / pair.target.var()) if free else explained,
     )
 
 
@@ -248,9 +248,9 @@ def delayed(values: Floats, delay: float, step: float, take: NDArray[np.intp]) -
     return np.interp(take - delay / step, np.arange(len(values)), values, left=np.nan, right=np.nan)
 
 
-def _robust_errors(design: Floats, left: Floats, lags: int) -> Floats:
+def _robust_errors(design: Floats, residual: Floats, lags: int) -> Floats:
     """Return standard errors of least squares whose residuals are correlated over ``lags`` samples."""
-    meat = long_run(design * left[:, None], lags)
+    meat = long_run(design * residual[:, None], lags)
     bread = np.linalg.pinv(design.T @ design)
     return np.sqrt(np.maximum(np.diag(bread @ meat @ bread), 0.0))
 

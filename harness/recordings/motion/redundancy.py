@@ -1,4 +1,4 @@
-"""What must agree in a recording, whatever the vehicle: the kinematics between its signals.
+"""Kinematic relations between the signals of a recording, which hold whatever the vehicle.
 
 Each relation computes a measured signal from others. ``exact`` relations hold for any rigid body in the plane, so that
 slope 1, delay 0 and offset 0 are expected; the others neglect something, and state how much that may be.
@@ -130,8 +130,8 @@ def _course_velocity(s: Sources) -> tuple[Floats, Floats]:
     return earth_to_vehicle(s.rate("position_x"), s.rate("position_y"), s["heading"])
 
 
-def _product(one: str, other: str) -> Callable[[Sources], Floats]:
-    return lambda s: s[one] * s[other]
+def _product(first: str, second: str) -> Callable[[Sources], Floats]:
+    return lambda s: s[first] * s[second]
 
 
 def _rate_of(signal: str) -> Callable[[Sources], Floats]:
@@ -157,32 +157,32 @@ Some record the angle of the road wheels as that of the steering wheel, of a veh
 
 def _yaw_rates() -> list[Relation]:
     """Return what yaw rates are compared with."""
-    found = []
+    relations = []
     for rate in ("yaw_rate", "yaw_rate_tractor"):
-        found += [
+        relations += [
             Relation(rate, ("heading",), "rate of the heading", _rate_of("heading")),
             Relation(rate, _PLACE, "rate of the course over ground", _course_rate, exact=False, slope=(1.0, 1.04),
                      misfit=0.2, lag=_SIDESLIP_LAG, where=f"faster than {MOVING:g} m/s"),
         ]  # fmt: skip
-    found.append(
+    relations.append(
         Relation("yaw_rate_trailer", ("yaw_rate_tractor",), "yaw rate of the tractor", lambda s: s["yaw_rate_tractor"],
                  exact=False, slope=(1.0, 1.05), misfit=0.4, lag=np.inf)
     )  # fmt: skip
-    found.append(
+    relations.append(
         Relation("articulation_angle", ("yaw_rate_tractor", "yaw_rate_trailer"),
                  "its rate from the difference of the yaw rates",
                  lambda s: s["yaw_rate_trailer"] - s["yaw_rate_tractor"], order=1)
     )  # fmt: skip
-    found.append(Relation("yaw_acceleration", ("yaw_rate",), "rate of the yaw rate", _rate_of("yaw_rate")))
+    relations.append(Relation("yaw_acceleration", ("yaw_rate",), "rate of the yaw rate", _rate_of("yaw_rate")))
     for angle, (expected, of_wheels) in _STEERING.items():
         for rate, speed in (("yaw_rate", "longitudinal_velocity"), ("yaw_rate", "speed"),
                             ("yaw_rate_tractor", "speed_tractor"), ("yaw_rate_tractor", "speed")):  # fmt: skip
             words = f"in proportion to v_x times {angle.replace('_', ' ')}"
-            found.append(
+            relations.append(
                 Relation(rate, (speed, angle), words, _product(speed, angle), exact=False, slope=expected,
                          or_slope=of_wheels, misfit=0.3, lag=np.inf)
             )  # fmt: skip
-    return found
+    return relations
 
 
 def _speeds() -> list[Relation]:
@@ -219,7 +219,7 @@ _LEANING = (1.04, 1.03)
 def _accelerations() -> list[Relation]:
     """Return what accelerations are compared with."""
     motion = ("longitudinal_velocity", "lateral_velocity", "yaw_rate")
-    found = [
+    relations = [
         Relation("lateral_acceleration", motion, "dv_y/dt + v_x r",
                  lambda s: s.rate("lateral_velocity") + s["longitudinal_velocity"] * s["yaw_rate"],
                  arm=lambda s: s.rate("yaw_rate"), slope=_LEANING, bank=_BANK),
@@ -231,17 +231,17 @@ def _accelerations() -> list[Relation]:
     ]  # fmt: skip
     for body, speed in (*_SPEEDS, ("_trailer", "speed"), ("_trailer", "speed_tractor")):
         rate = f"yaw_rate{body}"
-        found.append(
+        relations.append(
             Relation(f"lateral_acceleration{body}", (speed, rate), "v_x r", _product(speed, rate), exact=False,
                      slope=(1.0, 1.06), misfit=0.25, bank=_BANK, lag=_SIDESLIP_LAG)
         )  # fmt: skip
     for body in ("", "_tractor"):
-        found.append(
+        relations.append(
             Relation(f"lateral_acceleration{body}", _PLACE, "speed over ground times the rate of the course",
                      lambda s: ground_speed(s) * _course_rate(s), exact=False, slope=(1.0, 1.06), misfit=0.25,
                      bank=_BANK, lag=2 * _SIDESLIP_LAG)
         )  # fmt: skip
-    return found
+    return relations
 
 
 RELATIONS: tuple[Relation, ...] = tuple(

@@ -157,7 +157,7 @@ class Channel:
 
 
 @dataclass(frozen=True)
-class Point:
+class SensorPoint:
     """Where a sensor sits: m ahead and left of the reference point (NaN if unknown), axes turned left by ``yaw``."""
 
     x: float
@@ -166,8 +166,8 @@ class Point:
     description: str
 
     @property
-    def known(self) -> bool:
-        """Whether the lever arm is known."""
+    def has_lever_arm(self) -> bool:
+        """Whether it is stated."""
         return bool(np.isfinite(self.x) and np.isfinite(self.y))
 
 
@@ -184,7 +184,7 @@ class ChannelMap:
 
     channels: tuple[Channel, ...]
     clocks: dict[str, tuple[float, float, float]] = field(default_factory=dict)
-    points: dict[str, Point] = field(default_factory=dict)
+    points: dict[str, SensorPoint] = field(default_factory=dict)
     step: float = np.nan
     rate: float = np.nan
     start: float = 0.0
@@ -216,17 +216,17 @@ def load_map(source: str | Path | Mapping[str, Any]) -> ChannelMap:
     channels = []
     for name, entry in entries.items():
         if name not in SIGNALS:
-            known = [*SIGNALS, *MapFile.model_fields]
-            problems.add(name, f"is no signal and no setting of a channel map{closest(name, known)}")
+            choices = [*SIGNALS, *MapFile.model_fields]
+            problems.add(name, f"is no signal and no setting of a channel map{closest(name, choices)}")
         elif (table := _validate(entry, ChannelTable, problems, name)) is not None:
             with problems.catch(name):
                 channels.append(_channel(name, table, problems.at(name), raw.points if raw else {}))
     problems.stop()
     assert raw is not None
     with problems.catch(""):
-        found = _resolve(raw, channels, where)
+        resolved = _resolve(raw, channels, where)
     problems.stop()
-    return found
+    return resolved
 
 
 def map_content(source: str | Path | Mapping[str, Any]) -> Mapping[str, Any]:
@@ -309,13 +309,13 @@ def _resolve(raw: MapFile, channels: list[Channel], file: str) -> ChannelMap:
     def number(table: str, key: str, value: object, unit: str, positive: bool = True) -> float:
         if value is None:
             return np.nan
-        found = to_si(value, unit, f"{file}: {table}.{key}")
-        if positive and found <= 0:
-            raise UserError(f"{file}: {table}.{key}: {found:g} {unit} must be positive")
-        return found
+        in_si = to_si(value, unit, f"{file}: {table}.{key}")
+        if positive and in_si <= 0:
+            raise UserError(f"{file}: {table}.{key}: {in_si:g} {unit} must be positive")
+        return in_si
 
     points = {
-        name: Point(
+        name: SensorPoint(
             x=number(f"points.{name}", "x", p.x, "m", False),
             y=number(f"points.{name}", "y", 0.0 if p.y is None and p.x is not None else p.y, "m", False),
             yaw=to_si(p.yaw, "rad", f"{file}: points.{name}.yaw"),

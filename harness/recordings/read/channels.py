@@ -101,9 +101,9 @@ def collect(tables: list[Table], channels: ChannelMap, file: str) -> tuple[list[
             for name, members in named.items():
                 clock = _clock(table, name, rows, channels, file, members)
                 clocks |= {c.channel: clock for c in members}
-    found = _raws(tables, places, clocks, channels, file)
+    raws = _raws(tables, places, clocks, channels, file)
     warnings = dict.fromkeys(w for clock in clocks.values() for w in clock.warnings)
-    return found, replace(clocks[channels.channels[0].channel], warnings=tuple(warnings))
+    return raws, replace(clocks[channels.channels[0].channel], warnings=tuple(warnings))
 
 
 def _raws(
@@ -111,13 +111,13 @@ def _raws(
 ) -> list[Raw]:
     """Return every channel; what no later one takes gives up its values."""
     used = [name for c in channels.channels for name in (c.channel, c.reverse)]
-    found = []
+    raws = []
     for i, (n, channel) in enumerate(zip(places, channels.channels, strict=True)):
         for table in tables:
             for name in set(table.columns) - set(used[2 * i :]):
                 table.columns[name] = np.empty(0)
-        found.append(_raw(tables[n], channel, clocks[channel.channel], channels, file))
-    return found
+        raws.append(_raw(tables[n], channel, clocks[channel.channel], channels, file))
+    return raws
 
 
 def _place(tables: list[Table], channel: Channel, file: str) -> int:
@@ -138,24 +138,24 @@ def _messages(
     """
     names, clocks = {c.channel for c in mapped}, {table.clock, *channels.clocks}
     there = {n: is_measured(column) for n, column in table.columns.items() if n in names or n not in clocks}
-    left = {n: rows for n, rows in there.items() if n in names or not rows.all()}
+    remaining = {n: rows for n, rows in there.items() if n in names or not rows.all()}
     messages = []
-    while left:
-        first = max(left.values(), key=np.count_nonzero)
-        together = [n for n, rows in left.items() if _come_together(rows, first)]
-        messages.append((together, np.any([left.pop(n) for n in together], axis=0)))
+    while remaining:
+        first = max(remaining.values(), key=np.count_nonzero)
+        together = [n for n, rows in remaining.items() if _come_together(rows, first)]
+        messages.append((together, np.any([remaining.pop(n) for n in together], axis=0)))
     for together, rows in messages:
         if here := [c for c in mapped if c.channel in together]:
             yield here, np.flatnonzero(rows) if len(messages) > 1 else np.arange(len(rows))
 
 
-def _come_together(one: Mask, other: Mask) -> bool:
+def _come_together(channel: Mask, others: Mask) -> bool:
     """Whether most values of a channel are in the rows of another one, in the stretch in which both have any."""
-    if np.count_nonzero(one) < 2:
+    if np.count_nonzero(channel) < 2:
         return True
-    (first, last), (begin, end) = (np.flatnonzero(rows)[[0, -1]] for rows in (one, other))
+    (first, last), (begin, end) = (np.flatnonzero(rows)[[0, -1]] for rows in (channel, others))
     part = slice(max(first, begin), min(last, end) + 1)
-    return bool(2 * np.count_nonzero((one & other)[part]) >= np.count_nonzero(one[part]))
+    return bool(2 * np.count_nonzero((channel & others)[part]) >= np.count_nonzero(channel[part]))
 
 
 def is_measured(column: Floats) -> Mask:
@@ -230,7 +230,7 @@ def _clock(
 
 def _raw(table: Table, channel: Channel, clock: Clock, channels: ChannelMap, file: str) -> Raw:
     """Return a channel in SI units at its own instants."""
-    values = clock.of(table.columns[channel.channel])
+    values = clock.in_rows(table.columns[channel.channel])
     impossible = ~is_measured(values) & ~np.isnan(values)
     if impossible.any():
         values = np.where(impossible, np.nan, values)
@@ -279,7 +279,7 @@ def _signed(values: Floats, kept: Mask, table: Table, channel: Channel, clock: C
             f"{closest(channel.reverse, list(table.columns))}; name one that is negative in reverse, or write "
             f'"{COURSE}"'
         )
-    gear = clock.of(table.columns[channel.reverse])
+    gear = clock.in_rows(table.columns[channel.reverse])
     latest = np.maximum.accumulate(np.where(np.isfinite(gear), np.arange(len(gear)), 0))
     return values * np.where(gear[latest] < 0, -1.0, 1.0)[kept]
 
@@ -294,15 +294,15 @@ def _missing_share(there: Mask) -> float:
 def _in_si(values: Floats, channel: Channel) -> Floats:
     """Apply curve, scale and offset; unwrap a heading, so that it can be joined and differentiated."""
     if channel.curve is not None:
-        known, given = channel.curve
-        outside = (values < known[0]) | (values > known[-1])
+        recorded, calibrated = channel.curve
+        outside = (values < recorded[0]) | (values > recorded[-1])
         if outside.any():
             worst = values[outside][np.abs(values[outside]).argmax()]
             raise UserError(
-                f"{channel.where}.curve: the channel reaches {worst:g}, the curve goes from {known[0]:g} to "
-                f"{known[-1]:g}; extend the curve"
+                f"{channel.where}.curve: the channel reaches {worst:g}, the curve goes from {recorded[0]:g} to "
+                f"{recorded[-1]:g}; extend the curve"
             )
-        values = np.asarray(scipy.interpolate.PchipInterpolator(known, given)(values))
+        values = np.asarray(scipy.interpolate.PchipInterpolator(recorded, calibrated)(values))
     values = channel.scale * values
     values += channel.offset
     return np.unwrap(values) if channel.signal == "heading" else values

@@ -47,23 +47,23 @@ class Clock:
     step: float
     warnings: tuple[str, ...]
 
-    def of(self, column: Floats) -> Floats:
+    def in_rows(self, column: Floats) -> Floats:
         """Return a column of the file ``(rows of the file,)`` in the rows kept; not to be written to."""
         return np.asarray(column if len(self.rows) == len(column) else column[self.rows], dtype=float)
 
 
-def check_clock(stamps: Floats, where: str, of: NDArray[np.intp] | None = None) -> Clock:
+def check_clock(stamps: Floats, where: str, own_rows: NDArray[np.intp] | None = None) -> Clock:
     """Keep the rows whose stamp is later than every one before.
 
     Args:
         stamps: Of all rows of a file, in s.
         where: File and column, for messages.
-        of: Rows of the clock; all by default.
+        own_rows: Rows of the clock; all by default.
 
     Raises:
         UserError: If fewer than two rows are left, or too many stamps repeat or jump back.
     """
-    own = np.arange(len(stamps)) if of is None else of
+    own = np.arange(len(stamps)) if own_rows is None else own_rows
     finite = np.isfinite(stamps[own])
     time = np.where(finite, stamps[own], np.nan)
     latest = np.maximum.accumulate(np.where(finite, time, -np.inf))
@@ -132,21 +132,21 @@ def spikes(values: Floats) -> Mask:
     A sample is a spike if it leaves the median of five by twelve robust standard deviations of what the
     channel's samples usually do, and if it stands out by far more than its neighbours differ.
     """
-    found = np.zeros(len(values), dtype=bool)
+    is_spike = np.zeros(len(values), dtype=bool)
     finite = np.isfinite(values)
     x = values if finite.all() else values[finite]
     if len(x) < 9:
-        return found
+        return is_spike
     away = np.abs(x - scipy.ndimage.median_filter(x, 5, mode="nearest"))
     usual = 1.4826 * np.median(away[away > 0]) if (away > 0).any() else 0.0
     if usual == 0:
-        return found
+        return is_spike
     far = np.flatnonzero(away > _SPIKE * usual)
     before, after = far - 1, (far + 1) % len(x)
     steps = np.abs(x[far] - x[np.maximum(before, 0)]), np.abs(x[np.minimum(far + 1, len(x) - 1)] - x[far])
     far = far[np.minimum(*steps) > 4 * np.abs(x[before] - x[after])]
-    found[far if x is values else np.flatnonzero(finite)[far]] = True
-    return found
+    is_spike[far if x is values else np.flatnonzero(finite)[far]] = True
+    return is_spike
 
 
 _SLIGHT = 0.45
@@ -176,7 +176,7 @@ def steadied(clock: Clock, columns: Sequence[Floats]) -> Clock:
         columns: Channels with a value per row of the file.
     """
     instants = _instants(clock.time, clock.step)
-    if instants is None or any(_taken_at(clock.time, instants, clock.of(column)) for column in columns):
+    if instants is None or any(_taken_at(clock.time, instants, clock.in_rows(column)) for column in columns):
         return clock
     return replace(clock, time=instants)
 

@@ -35,10 +35,10 @@ def filled(table: readers.Table) -> readers.Table:
     """Return a table with values joined over the rows of other messages, so that columns can be compared row by row."""
     columns, rows = {}, np.arange(len(next(iter(table.columns.values()))))
     for name, values in table.columns.items():
-        known = np.flatnonzero(is_measured(values))
+        measured = np.flatnonzero(is_measured(values))
         columns[name] = np.where(is_measured(values), values, np.nan)
-        if 1 < len(known) < len(rows):
-            columns[name] = np.interp(rows, known, values[known], left=np.nan, right=np.nan)
+        if 1 < len(measured) < len(rows):
+            columns[name] = np.interp(rows, measured, values[measured], left=np.nan, right=np.nan)
     return replace(table, columns=columns)
 
 
@@ -54,9 +54,11 @@ def clocks_of(table: readers.Table) -> list[tuple[str, str, str]]:
     for column in table.columns:
         if TIME.search(read_name(column).words):
             of_structures.setdefault(column.rpartition(".")[0], []).append(column)
-    found = [c for c in (_clock(table, columns) for columns in of_structures.values()) if c is not None]
-    spans = [np.nanquantile(table.columns[column], [0.0, 1.0]) * scale(unit, "s", "time") for column, unit, _ in found]
-    return [c for c, (begin, end) in zip(found, spans, strict=True) if begin <= spans[0][1] and end >= spans[0][0]]
+    candidates = [c for c in (_clock(table, columns) for columns in of_structures.values()) if c is not None]
+    spans = [
+        np.nanquantile(table.columns[column], [0.0, 1.0]) * scale(unit, "s", "time") for column, unit, _ in candidates
+    ]
+    return [c for c, (begin, end) in zip(candidates, spans, strict=True) if begin <= spans[0][1] and end >= spans[0][0]]
 
 
 def _clock(table: readers.Table, columns: Sequence[str]) -> tuple[str, str, str] | None:
@@ -206,11 +208,11 @@ class _ChoiceEvidence:
         """Compare a yaw rate or speed with heading or positions."""
         if g.signal == "speed":  # of which positions do not tell whether it is backwards
             return self._compared(
-                "speed over that of the positions", (g,), lambda: (np.abs(self._motion.of(g)), self._seen.speed)
+                "speed over that of the positions", (g,), lambda: (np.abs(self._motion.series(g)), self._seen.speed)
             )
         by = () if self._seen.heading is None else (self._seen.heading,)
         name = f"yaw rate over the rate of the {'heading' if by else 'course over ground'}"
-        return self._compared(name, (g, *by), lambda: (self._motion.of(g), self._seen.turn))
+        return self._compared(name, (g, *by), lambda: (self._motion.series(g), self._seen.turn))
 
     def lateral(self, speed: Guess | None, rate: Guess | None, across: Guess | None) -> MotionPair:
         """Compare a lateral acceleration with speed times yaw rate, or the rate of the heading where there is none."""
@@ -219,9 +221,9 @@ class _ChoiceEvidence:
         def sides() -> tuple[Floats, Floats]:
             assert speed is not None
             assert across is not None
-            turn = self._seen.turn if rate is None else self._motion.of(rate)
-            v = self._motion.of(speed)
-            return self._motion.of(across), v * turn if len(v) == len(turn) else np.empty(0)
+            turn = self._seen.turn if rate is None else self._motion.series(rate)
+            v = self._motion.series(speed)
+            return self._motion.series(across), v * turn if len(v) == len(turn) else np.empty(0)
 
         taking = (across, speed) if rate is None else (across, speed, rate)
         return self._compared(f"lateral acceleration over speed times {by}", taking, sides)
@@ -232,7 +234,7 @@ class _ChoiceEvidence:
         def sides() -> tuple[Floats, Floats]:
             assert speed is not None
             assert along is not None
-            return self._motion.of(along), self._motion.rate(self._motion.of(speed))
+            return self._motion.series(along), self._motion.rate(self._motion.series(speed))
 
         return self._compared("longitudinal acceleration over the rate of the speed", (along, speed), sides)
 
@@ -243,11 +245,11 @@ class _ChoiceEvidence:
             assert speed is not None
             assert rate is not None
             assert wheel is not None
-            v, r = self._motion.of(speed), self._motion.of(rate)
+            v, r = self._motion.series(speed), self._motion.series(rate)
             if len(v) != len(r):
                 return v, np.empty(0)
             v = np.where(np.abs(v) > 0.2 * np.nanmax(np.abs(v)), v, np.nan)
-            return self._motion.of(wheel), r / v
+            return self._motion.series(wheel), r / v
 
         return self._compared("wheelbase", (wheel, speed, rate), sides)
 

@@ -1,4 +1,4 @@
-"""What the name of a column says: its unit, whose motion it is, and which signals it may be.
+"""Meaning of the name of a column: its unit, whose motion it is, and the signals that it may be.
 
 A name is cut into words (``VehSpd``, ``latacc``, ``Giergeschwindigkeit``), each of which means something: a kind of
 quantity, an axis, something that turns but is not the vehicle. The signal follows from the meanings, and a name whose

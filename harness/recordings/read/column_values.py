@@ -212,7 +212,7 @@ class Motion:
         self._window = max(1, round(_WINDOW / float(np.median(steps)))) if len(steps) else _ROWS
         self._every = max(1, self._window // 4)
 
-    def of(self, guess: Guess, turning: bool = False) -> Floats:
+    def series(self, guess: Guess, turning: bool = False) -> Floats:
         """Return a series in SI units; that of an angle that may turn on without its wraps."""
         key = (guess.column, guess.table)
         if key not in self._kept:
@@ -297,7 +297,7 @@ def witness(motion: Motion, guesses: Mapping[str, Guess]) -> Witness:
     heading = guesses.get("heading")
     if heading is None:
         return Witness(turn, speed, signed=len(turn) > 0)
-    by_heading = motion.rate(motion.of(heading, turning=True))
+    by_heading = motion.rate(motion.series(heading, turning=True))
     both = compared("", ("yaw_rate",), by_heading, turn)
     if both.agrees:
         return Witness(np.copysign(1.0, both.factor) * by_heading, speed, True, heading)
@@ -313,7 +313,7 @@ def _over_ground(motion: Motion, guesses: Mapping[str, Guess]) -> tuple[Floats, 
         if east is None or north is None:
             return np.empty(0), np.empty(0)
         to_east, to_north = _EARTH * float(np.cos(np.nanmedian(north.si))), _EARTH
-    x, y = (motion.rate(scale * motion.of(g)) for scale, g in ((to_east, east), (to_north, north)))
+    x, y = (motion.rate(scale * motion.series(g)) for scale, g in ((to_east, east), (to_north, north)))
     speed = np.hypot(x, y) if len(x) == len(y) else np.empty(0)
     moving = np.isfinite(speed) & (speed > _MOVES)
     if moving.sum() < _FEW or np.nanmedian(speed) > LARGEST["m/s"]:

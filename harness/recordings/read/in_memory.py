@@ -18,6 +18,11 @@ from harness.recordings.readers import Table
 CLOCK = "time"
 
 
+def name_of(source: pd.DataFrame | xr.Dataset) -> str:
+    """Return the name of a frame or dataset in errors and reports: its attribute ``name``, else its type."""
+    return str(source.attrs.get("name") or type(source).__name__)
+
+
 def tables_of(source: pd.DataFrame | xr.Dataset, mapped: bool) -> list[Table]:
     """Return the numeric columns of a frame or dataset as a reader returns those of a file.
 
@@ -32,10 +37,12 @@ def tables_of(source: pd.DataFrame | xr.Dataset, mapped: bool) -> list[Table]:
         One table per clock, the one with most columns first.
 
     Raises:
-        UserError: If there is no numeric column with a row, or a stated unit does not fit.
+        UserError: If it is neither, there is no numeric column with a row, or a stated unit does not fit.
     """
-    found = _of_frame(source) if isinstance(source, pd.DataFrame) else _of_dataset(source)
-    tables = [t for t in found if len(t.columns) > (t.clock is not None) and len(next(iter(t.columns.values())))]
+    if not isinstance(source, pd.DataFrame | xr.Dataset):
+        raise UserError(f"a recording is a path, a pandas DataFrame or an xarray Dataset, not {type(source).__name__}")
+    parts = _of_frame(source) if isinstance(source, pd.DataFrame) else _of_dataset(source)
+    tables = [t for t in parts if len(t.columns) > (t.clock is not None) and len(next(iter(t.columns.values())))]
     if not tables:
         raise UserError(f"{type(source).__name__}: holds no numeric column with a row of data")
     tables.sort(key=lambda t: -len(t.columns))

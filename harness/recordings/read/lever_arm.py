@@ -10,7 +10,7 @@ from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.recordings.motion import kinematics
 from harness.recordings.motion.kinematics import local_polynomial
-from harness.recordings.read.channel_map import ChannelMap, Point
+from harness.recordings.read.channel_map import ChannelMap, SensorPoint
 
 Move = Callable[[Floats, Floats], tuple[Floats, Floats]]
 
@@ -32,20 +32,20 @@ def to_reference_point(signals: dict[str, Floats], channels: ChannelMap, step: f
     Raises:
         UserError: If the yaw rate or the heading that moving takes is not known.
     """
-    of = {c.signal: c.point for c in channels.channels}
+    point_of = {c.signal: c.point for c in channels.channels}
     for name, point in channels.points.items():
-        if not point.known:
+        if not point.has_lever_arm:
             continue
-        if of.get("heading") == name:
+        if point_of.get("heading") == name:
             signals["heading"] = signals["heading"] - point.yaw
         for body in _BODIES:
             mover = _Mover(signals, point, body, step)
             for kind, move in (("velocity", mover.velocity), ("acceleration", mover.acceleration)):
                 pair = [f"{side}_{kind}{body}" for side in ("longitudinal", "lateral")]
-                here = [s for s in pair if of.get(s) == name]
+                here = [s for s in pair if point_of.get(s) == name]
                 if here:
                     _move(signals, pair, here, point, move)
-        if "position_x" in signals and of.get("position_x") == of.get("position_y") == name:
+        if "position_x" in signals and point_of.get("position_x") == point_of.get("position_y") == name:
             if "heading" not in signals:
                 raise UserError(f"points.{name}: moving positions takes the heading; map it, or take the point out")
             east, north, heading = signals["position_x"], signals["position_y"], signals["heading"]
@@ -53,14 +53,14 @@ def to_reference_point(signals: dict[str, Floats], channels: ChannelMap, step: f
             signals["position_x"], signals["position_y"] = moved
 
 
-def _move(signals: dict[str, Floats], pair: list[str], here: list[str], point: Point, move: Move) -> None:
+def _move(signals: dict[str, Floats], pair: list[str], here: list[str], point: SensorPoint, move: Move) -> None:
     """Turn and move one pair of components, of which one may be missing if the axes are parallel."""
     if len(here) < 2 and point.yaw != 0:
         raise UserError(f"points: '{here[0]}' alone cannot be turned by {point.yaw:.4g} rad; map {' and '.join(pair)}")
     zero = np.zeros(len(signals[here[0]]))
-    forward, left = (signals[s] if s in here else zero for s in pair)
-    forward, left = kinematics.to_vehicle_axes(forward, left, point.yaw)
-    for name, values in zip(pair, move(forward, left), strict=True):
+    longitudinal, lateral = (signals[s] if s in here else zero for s in pair)
+    longitudinal, lateral = kinematics.to_vehicle_axes(longitudinal, lateral, point.yaw)
+    for name, values in zip(pair, move(longitudinal, lateral), strict=True):
         if name in here:
             signals[name] = values
 
@@ -68,7 +68,7 @@ def _move(signals: dict[str, Floats], pair: list[str], here: list[str], point: P
 class _Mover:
     """Moves vectors of one body by ``-x, -y``; asks for the yaw rate only if there is a way to go."""
 
-    def __init__(self, signals: dict[str, Floats], point: Point, body: str, step: float) -> None:
+    def __init__(self, signals: dict[str, Floats], point: SensorPoint, body: str, step: float) -> None:
         self._signals, self._body, self._step = signals, body, step
         self._x, self._y = -point.x, -point.y
 

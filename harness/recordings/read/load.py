@@ -1,4 +1,4 @@
-"""The entry point of measured drives: file and channel map in, one recording on one time base out."""
+"""Measured drives, from a file or in memory, and their channel map onto one time base."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
@@ -23,6 +24,7 @@ from harness.recordings.motion.pose import COURSE, NEEDS, backwards, continued, 
 from harness.recordings.read.channel_map import ChannelMap, load_map
 from harness.recordings.read.channels import Raw, collect, plain_map
 from harness.recordings.read.clock import Clock
+from harness.recordings.read.in_memory import name_of, tables_of
 from harness.recordings.read.lever_arm import to_reference_point
 from harness.recordings.read.resample import first_order_lag, onto_grid, updated_on_grid
 from harness.recordings.read.span import file_and_span, part_of
@@ -36,18 +38,21 @@ _LONGEST = 20_000_000
 
 
 def load_recording(
-    path: str | os.PathLike[str],
+    source: str | os.PathLike[str] | pd.DataFrame | xr.Dataset,
     channels: str | Path | Mapping[str, Any] | None = None,
     step: float | None = None,
+    name: str | None = None,
 ) -> xr.Dataset:
-    """Read a measured drive.
+    """Bring a measured drive onto one time base.
 
     Args:
-        path: Recording: a file of a known format, or a folder with one signal per file. ``lap.csv@20s:200s`` is that
-            part of it, from the first sample; an end that is left out is that of the file.
+        source: A file of a known format, or a folder with one signal per file. ``lap.csv@20s:200s`` is that part of it,
+            from the first sample; an end that is left out is that of the file. Or data in memory, see
+            ``in_memory.tables_of``.
         channels: Channel map: a file or its content. Without one the columns must carry the names of
             ``models/signals.py``, in SI units, and the clock the name ``time``.
         step: Step of the common time base in s, in place of that of the channel map.
+        name: In reports; by default that of the file.
 
     Returns:
         Dataset over ``time`` (s, equidistant, from 0) with a variable per signal, NaN in gaps. Attributes of a
@@ -56,15 +61,20 @@ def load_recording(
         ``missing_share``, ``spikes``, ``delay`` and ``delay_std`` (s), ``point``, ``includes_gravity``. Where not every
         sample was measured, the coordinate ``updated_<signal>`` says which were; the others are joined. Attributes of
         the dataset: ``title``, ``source``, ``file``, ``reference``, ``start`` (first stamp in s), ``warnings`` (list of
-        sentences), and of a part ``span`` (begin and end in s).
+        sentences), ``name``, and of a part ``span`` (begin and end in s).
 
     Raises:
-        UserError: If file or map cannot be read, or do not fit each other; with file, key or column, and remedy.
+        UserError: If source or map cannot be read, or do not fit each other; with file, key or column, and remedy.
     """
-    file, span = file_and_span(path)
     mapping = None if channels is None else load_map(channels)
-    whole = recording_of(_tables(file, mapping), os.fspath(file), mapping, step)
-    return whole if span is None else part_of(whole, span, os.fspath(path))
+    if not isinstance(source, str | os.PathLike):
+        tables, name = tables_of(source, mapping is not None), name or name_of(source)
+        return recording_of(tables, name, mapping, step).assign_attrs(name=name)
+    file, span = file_and_span(source)
+    recording = recording_of(_tables(file, mapping), os.fspath(file), mapping, step)
+    if span is not None:
+        recording = part_of(recording, span, os.fspath(source))
+    return recording.assign_attrs(name=name or Path(source).name.split(".")[0])
 
 
 def _tables(file: Path, mapping: ChannelMap | None) -> list[readers.Table]:
@@ -188,8 +198,8 @@ def _longest_part(recording: xr.Dataset, missing: NDArray[np.intp]) -> str:
 
 def updated(recording: xr.Dataset, name: str) -> Mask | None:
     """Return which samples of a signal were measured ``(samples,)``, where not all were."""
-    found = recording.coords.get(f"updated_{name}")
-    return None if found is None else np.asarray(found.values, dtype=bool)
+    coordinate = recording.coords.get(f"updated_{name}")
+    return None if coordinate is None else np.asarray(coordinate.values, dtype=bool)
 
 
 def _signal(recording: xr.Dataset, name: str) -> Floats:
@@ -285,9 +295,9 @@ def _estimated_delays(
     for _ in range(2 if len(wanted) > 1 else 1):
         for raw in wanted:
             name = raw.channel.signal
-            known = {**signals, name: _resampled(raw, 0.0, grid)}
-            to_reference_point(known, mapping, step)
-            delays[name] = find_delay(name, known, step, f"{raw.channel.where}.delay (of {file})")
+            undelayed = {**signals, name: _resampled(raw, 0.0, grid)}
+            to_reference_point(undelayed, mapping, step)
+            delays[name] = find_delay(name, undelayed, step, f"{raw.channel.where}.delay (of {file})")
             signals[name] = _resampled(raw, delays[name][0], grid)
     return delays
 
@@ -301,13 +311,13 @@ def add_positions(signals: dict[str, Floats]) -> None:
 def _with_turns(raws: list[Raw]) -> tuple[list[Raw], list[tuple[float, float]]]:
     """Return channels with the heading continued across gaps, and those across which its turns are unknown."""
     rate = next(((r.time, r.values) for r in raws if r.channel.signal in ("yaw_rate", "yaw_rate_tractor")), None)
-    found, unknown = [], []
+    result, unknown = [], []
     for raw in raws:
         if raw.channel.signal == "heading" and raw.gaps:
             values, gaps = continued(raw.time, raw.values, raw.gaps, rate)
             raw, unknown = replace(raw, values=values), gaps
-        found.append(raw)
-    return found, unknown
+        result.append(raw)
+    return result, unknown
 
 
 def _unknown_turns(gap: tuple[float, float], start: float) -> str:
@@ -365,23 +375,25 @@ def _about(raw: Raw, delay: float, spread: float, mapping: ChannelMap) -> dict[s
 
 def _warnings(raw: Raw, start: float) -> list[str]:
     """Return the irregularities of a channel, with the evidence."""
-    channel, found = raw.channel, []
+    channel, sentences = raw.channel, []
     where = channel.signal
     if raw.impossible:
-        found.append(f"{where}: {raw.impossible} samples are infinite or beyond any measurement; treated as missing")
+        sentences.append(
+            f"{where}: {raw.impossible} samples are infinite or beyond any measurement; treated as missing"
+        )
     if raw.gaps:
         a, b = max(raw.gaps, key=lambda gap: gap[1] - gap[0])
-        found.append(
+        sentences.append(
             f"{where}: gaps longer than {raw.largest_gap:.3g} s: {len(raw.gaps)}, the longest of {b - a:.3g} s from "
             f"t = {a - start:.2f} s; they stay missing"
         )
     if len(raw.spikes) and not channel.remove_spikes:
-        found.append(
+        sentences.append(
             f"{where}: single-sample spikes: {_spikes(raw, start)}; kept; remove_spikes = true treats them as missing"
         )
     if raw.held > 1:
-        found.append(f"{where}: {raw.held} rows repeat each sample; only the first of them counts as measured")
-    return found
+        sentences.append(f"{where}: {raw.held} rows repeat each sample; only the first of them counts as measured")
+    return sentences
 
 
 def _removed_spikes(raws: Sequence[Raw], start: float) -> list[str]:
@@ -398,12 +410,12 @@ def _spikes(raw: Raw, start: float) -> str:
 
 def _unknown_points(mapping: ChannelMap) -> list[str]:
     """Say which signals could not be moved because it is unknown where they were measured."""
-    found = []
+    sentences = []
     for name, point in mapping.points.items():
         here = [c.signal for c in mapping.channels if c.point == name]
-        if here and not point.known:
-            found.append(
+        if here and not point.has_lever_arm:
+            sentences.append(
                 f"{', '.join(here)}: measured at '{name}', whose lever arm is unknown; not moved to the "
                 f"{mapping.reference}"
             )
-    return found
+    return sentences

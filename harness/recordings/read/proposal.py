@@ -223,7 +223,7 @@ def _in_fixed_axes(candidates: Sequence[Guess], motion: Motion) -> dict[str, str
     speeds, across = ([g for g in candidates if g.signal == s] for s in ("speed", "lateral_velocity"))
     for x, y in itertools.product(speeds, across):
         if x.unit == y.unit and y.column.lower().replace("y", "x") == x.column.lower().replace("y", "x"):
-            forward, sideways = (np.nanmedian(np.abs(motion.of(g))) for g in (x, y))
+            forward, sideways = (np.nanmedian(np.abs(motion.series(g))) for g in (x, y))
             if sideways > _AXES * forward:
                 fixed |= dict.fromkeys((x.column, y.column), "along x and y as fast: axes that are not the vehicle's")
     return fixed
@@ -259,8 +259,8 @@ def _moves_alike(g: Guess, guesses: Mapping[str, Guess], motion: Motion) -> bool
     names = ("yaw_rate", "lateral_acceleration") if g.signal == "speed" else ("speed", "yaw_rate")
     if not set(names) <= set(guesses):
         return False
-    factor, product = (motion.of(guesses[n]) for n in names)
-    values = motion.of(g)
+    factor, product = (motion.series(guesses[n]) for n in names)
+    values = motion.series(g)
     return len(values) == len(factor) and abs(compared("", (), product, values * factor).alike) > _ALIKE
 
 
@@ -329,7 +329,7 @@ def _signs(
     wheel, rate = next((guesses[s] for s in WHEELBASES if s in guesses), None), guesses.get("yaw_rate")
     steers = np.nan
     if wheel is not None and rate is not None:
-        steers = compared("", (), motion.of(wheel), motion.of(rate)).alike
+        steers = compared("", (), motion.series(wheel), motion.series(rate)).alike
     if seen.signed and turn is not None:
         if turn.factor < 0:
             signs["yaw_rate"] = "sign against the course over ground"
@@ -352,7 +352,7 @@ def _with_longitudinal_velocity(guesses: list[Guess], candidates: Sequence[Guess
     entries = {g.column for g in guesses}
     for g in candidates:
         if g.signal == "speed" and g.column not in entries and read_name(g.column).along:
-            both = compared("", (), motion.of(g), motion.of(speed))
+            both = compared("", (), motion.series(g), motion.series(speed))
             if abs(both.alike) > _ALIKE and abs(both.factor - 1.0) < _AS_FAST:
                 why = (*g.why, f"over the speed: {both.factor:.2f}")
                 return [*guesses, replace(g, signal="longitudinal_velocity", why=why)]
@@ -372,9 +372,9 @@ def _articulated(guesses: Sequence[Guess], motion: Motion) -> list[Guess]:
     if not set(names) <= set(by_signal):
         return list(guesses)
     angle, front, rear = (by_signal[n] for n in names)
-    turned = motion.of(rear) - motion.of(front)
+    turned = motion.series(rear) - motion.series(front)
     pairs = [
-        (g, compared("its rate over that by the yaw rates", names, motion.rate(motion.of(g)), turned))
+        (g, compared("its rate over that by the yaw rates", names, motion.rate(motion.series(g)), turned))
         for g in in_units(replace(angle, why=angle.why[1:]), angle.why[0])
     ]
     pairs = [(g, r) for g, r in pairs if abs(r.alike) > _ALIKE]
@@ -407,20 +407,20 @@ def _further_notes(
     return notes
 
 
-def _text(found: Proposal, path: Path) -> str:
+def _text(proposal: Proposal, path: Path) -> str:
     """Return the map as a file, with the reasons as comments."""
     content: dict[str, object] = {
         "title": f"Channels of {path.name}",
         "source": "whose recording, and may it be passed on?",
     }
     comments: dict[tuple[str, ...], str] = {}
-    if found.clocks:
-        times = [{"channel": column, "unit": unit} for column, unit, _ in found.clocks]
+    if proposal.clocks:
+        times = [{"channel": column, "unit": unit} for column, unit, _ in proposal.clocks]
         content["time"] = times[0] if len(times) == 1 else times
-    for g in found.guesses:
+    for g in proposal.guesses:
         entry: dict[str, object] = {"channel": g.column, "unit": g.unit}
         content[g.signal] = entry | ({"sign": -1} if g.sign < 0 else {})
         comments[g.signal,] = "; ".join(g.why)
-    head = ["Proposed by harness new channels: a guess, look at every entry (docs/measured-data.md).", *found.notes]
-    head += found.omissions()
+    head = ["Proposed by harness new channels: a guess, look at every entry (docs/measured-data.md).", *proposal.notes]
+    head += proposal.omissions()
     return "".join(f"# {line}\n" for line in head) + "\n" + toml_text(content, comments=comments)

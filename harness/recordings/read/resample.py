@@ -86,14 +86,14 @@ def updated_on_grid(time: Floats, grid: Floats) -> Mask:
     """
     step = grid[1] - grid[0]
     nearest = np.rint((time - grid[0]) / step).astype(int)
-    found = np.zeros(len(grid), dtype=bool)
-    found[nearest[(nearest >= 0) & (nearest < len(grid))]] = True
-    if found.all():
-        return found
+    is_new = np.zeros(len(grid), dtype=bool)
+    is_new[nearest[(nearest >= 0) & (nearest < len(grid))]] = True
+    if is_new.all():
+        return is_new
     if len(time) > 1 and np.median(np.diff(time)) < _AS_OFTEN * step:
         after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
-        found |= np.minimum(np.abs(grid - time[after - 1]), np.abs(time[after] - grid)) < _BESIDE * step
-    return found
+        is_new |= np.minimum(np.abs(grid - time[after - 1]), np.abs(time[after] - grid)) < _BESIDE * step
+    return is_new
 
 
 def first_order_lag(values: Floats, step: float, time_constant: float) -> Floats:
@@ -128,13 +128,13 @@ def _band_limited(time: Floats, values: Floats, usual: float, step: float, wante
         unit, (distances, pulse) = apart, _interpolation()
     taps = int(2 * distances[-1] * unit / apart) + 2
     padded = np.pad(joined, taps, mode="reflect", reflect_type="odd")
-    found, many = np.empty(len(places)), max(1, _AT_ONCE // taps)
+    result, many = np.empty(len(places)), max(1, _AT_ONCE // taps)
     for begin in range(0, len(places), many):
         at = places[begin : begin + many, None]
         samples = np.floor(at).astype(int) + np.arange(1 - taps // 2, taps - taps // 2 + 1)
         weights = np.interp(np.abs(samples - at) * (apart / unit), distances, pulse, right=0.0)
-        found[begin : begin + many] = (weights * padded[samples + taps]).sum(axis=1) / weights.sum(axis=1)
-    return found
+        result[begin : begin + many] = (weights * padded[samples + taps]).sum(axis=1) / weights.sum(axis=1)
+    return result
 
 
 @functools.cache
@@ -172,12 +172,12 @@ def _join(time: Floats, values: Floats, wanted: Floats) -> Floats:
     """
     if len(time) < 3:
         return np.interp(wanted, time, values)
-    found = np.empty(len(wanted))
+    result = np.empty(len(wanted))
     for begin in range(0, len(time) - 1, _AT_ONCE):
         stop = min(begin + _AT_ONCE, len(time) - 1)
         here = slice(max(begin - _AROUND, 0), stop + _AROUND + 1)
         first, last = (0 if k == 0 else len(wanted) if k == len(time) - 1 else np.searchsorted(wanted, time[k])
                        for k in (begin, stop))  # fmt: skip
         curve = scipy.interpolate.Akima1DInterpolator(time[here], values[here], method="makima")
-        found[first:last] = curve(wanted[first:last])
-    return found
+        result[first:last] = curve(wanted[first:last])
+    return result

@@ -26,14 +26,14 @@ def file_and_span(path: str | os.PathLike[str]) -> tuple[Path, Span | None]:
         UserError: If begin or end is no time, or the end is not behind the begin.
     """
     said = os.fspath(path)
-    found = _SPAN.fullmatch(said)
-    if found is None or Path(said).exists():
+    match = _SPAN.fullmatch(said)
+    if match is None or Path(said).exists():
         return Path(said), None
-    start = to_si(found["start"], "s", f"{said}: begin") if found["start"] else 0.0
-    stop = to_si(found["stop"], "s", f"{said}: end") if found["stop"] else np.inf
+    start = to_si(match["start"], "s", f"{said}: begin") if match["start"] else 0.0
+    stop = to_si(match["stop"], "s", f"{said}: end") if match["stop"] else np.inf
     if not 0.0 <= start < stop:
         raise UserError(f"{said}: the span must begin at 0 s or later and end behind that; write FILE@20s:200s")
-    return Path(found["file"]), (start, stop)
+    return Path(match["file"]), (start, stop)
 
 
 def part_of(recording: xr.Dataset, span: Span, said: str) -> xr.Dataset:
@@ -69,14 +69,14 @@ def refuse_overlaps(fitted: Sequence[xr.Dataset], held_out: Sequence[xr.Dataset]
     Raises:
         UserError: If there are two that overlap.
     """
-    for other in held_out:
-        for one in fitted:
-            if "span" not in one.attrs and "span" not in other.attrs:
+    for test in held_out:
+        for train in fitted:
+            if "span" not in train.attrs and "span" not in test.attrs:
                 continue  # two recordings in memory may have one name
-            (a, b), (c, d) = _whole(one), _whole(other)
-            if one.attrs.get("file") == other.attrs.get("file") and max(a, c) < min(b, d):
+            (a, b), (c, d) = _whole(train), _whole(test)
+            if train.attrs.get("file") == test.attrs.get("file") and max(a, c) < min(b, d):
                 raise UserError(
-                    f"test: {other.attrs['file']} from {c:g} to {d:g} s overlaps what is fitted, {a:g} to {b:g} s; use "
+                    f"test: {test.attrs['file']} from {c:g} to {d:g} s overlaps what is fitted, {a:g} to {b:g} s; use "
                     "every second for one purpose only"
                 )
 

@@ -31,14 +31,14 @@ def suffixes() -> dict[str, str]:
     Raises:
         UserError: If two readers claim one suffix.
     """
-    known: dict[str, str] = {}
+    reader_names: dict[str, str] = {}
     for name in READERS.names():
         for suffix in READERS.load(name).SUFFIXES:
-            first = known.setdefault(suffix, name)
+            first = reader_names.setdefault(suffix, name)
             if first != name:
                 places = " and ".join(place_of(READERS.load(n)) for n in (first, name))
                 raise UserError(f"two readers are for files '*{suffix}': {places}; change SUFFIXES of one of the two")
-    return dict(sorted(known.items(), key=lambda item: (-len(item[0]), item[0])))
+    return dict(sorted(reader_names.items(), key=lambda item: (-len(item[0]), item[0])))
 
 
 def reader_of(path: str | os.PathLike[str]) -> ModuleType | None:

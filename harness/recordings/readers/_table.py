@@ -1,4 +1,4 @@
-"""What a reader returns: columns that share one clock."""
+"""Tables that readers return: columns that share one clock."""
 
 from __future__ import annotations
 

@@ -103,8 +103,8 @@ def read(path: str, wanted: Wanted | None = None) -> list[Table]:
         raise UserError(f"{path}: {_first_line(error)}; every row must have as many cells") from None
     except (UnicodeDecodeError, EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise UserError(f"{path}: is damaged or no text in UTF-8 or Windows-1252: {error}") from None
-    found = {c.name: values for c in columns if (values := c.values()) is not None}
-    return [Table(found, {name: unit for name, unit in zip(names, units, strict=False) if unit and name in found})]
+    numbers = {c.name: values for c in columns if (values := c.values()) is not None}
+    return [Table(numbers, {name: unit for name, unit in zip(names, units, strict=False) if unit and name in numbers})]
 
 
 class _Bounded(io.RawIOBase):

@@ -93,13 +93,15 @@ def smoothed(values: Floats, step: float, measured: Mask | None = None) -> Smoot
         ValueError: If fewer than four samples were measured.
     """
     y = np.where(measured, values, np.nan) if measured is not None else np.array(values, dtype=float)
-    known = np.isfinite(y)
-    if known.sum() < 4:
+    finite = np.isfinite(y)
+    if finite.sum() < 4:
         raise ValueError("a signal takes four measured samples to be smoothed")
-    if np.ptp(y[known]) == 0:
+    if np.ptp(y[finite]) == 0:
         nothing, exact = np.zeros(len(y)), np.zeros((len(y), 2, 2))
-        return Smoothed(np.full(len(y), y[known][0]), nothing, exact, exact, nothing, 0.0, 0.0, 1, np.inf)
-    return max((_IntensitySearch(y, step, rates).best() for rates in (1, 2)), key=lambda found: found.log_likelihood)
+        return Smoothed(np.full(len(y), y[finite][0]), nothing, exact, exact, nothing, 0.0, 0.0, 1, np.inf)
+    return max(
+        (_IntensitySearch(y, step, rates).best() for rates in (1, 2)), key=lambda candidate: candidate.log_likelihood
+    )
 
 
 def resolution_of(values: Floats) -> float:
@@ -116,10 +118,10 @@ def resolution_of(values: Floats) -> float:
 def run_lengths(values: Floats) -> Floats:
     """Return for each sample how many equal ones it stands among, missing ones skipped; 1 where missing."""
     lengths = np.ones(len(values))
-    known = np.flatnonzero(np.isfinite(values))
-    edges = np.flatnonzero(np.diff(values[known])) + 1
-    counts = np.diff(edges, prepend=0, append=len(known))
-    lengths[known] = np.repeat(counts, counts)
+    finite = np.flatnonzero(np.isfinite(values))
+    edges = np.flatnonzero(np.diff(values[finite])) + 1
+    counts = np.diff(edges, prepend=0, append=len(finite))
+    lengths[finite] = np.repeat(counts, counts)
     return lengths
 
 
@@ -134,13 +136,13 @@ class _IntensitySearch:
 
     def __init__(self, y: Floats, step: float, rates: int) -> None:
         self.y, self.step, self.rates = y, step, rates
-        known = np.isfinite(y)
+        finite = np.isfinite(y)
         self.resolution = resolution_of(y)
         rounding = self.resolution**2 / 12.0
-        self.floor = max(rounding, (_QUIETEST * np.ptp(y[known])) ** 2)
+        self.floor = max(rounding, (_QUIETEST * np.ptp(y[finite])) ** 2)
         self.common = rounding * (1.0 - 1.0 / run_lengths(y))
-        fastest = np.ptp(y[known]) / step
-        self.first = np.array([np.ptp(y[known]) ** 2, fastest**2, (fastest / step) ** 2])[: rates + 1]
+        fastest = np.ptp(y[finite]) / step
+        self.first = np.array([np.ptp(y[finite]) ** 2, fastest**2, (fastest / step) ** 2])[: rates + 1]
         self.shape = np.ones(len(y))
         span = step * len(y)
         self.bounds = self._ratio(_SLOWEST / span), self._ratio(_FASTEST / step)
@@ -191,11 +193,11 @@ class _IntensitySearch:
         values = [at(r)[1] for r in grid]
         i = int(np.argmax(values))
         inside = grid[max(i - 1, 0)], grid[min(i + 1, count - 1)]
-        found = scipy.optimize.minimize_scalar(
+        optimum = scipy.optimize.minimize_scalar(
             lambda r: -at(r)[1], bounds=inside, method="bounded", options={"xatol": _REFINED}
         )
-        noise, likelihood = at(found.x)
-        return noise, noise * float(np.exp(found.x)), likelihood
+        noise, likelihood = at(optimum.x)
+        return noise, noise * float(np.exp(optimum.x)), likelihood
 
     def _smoothed(self, noise: float, intensity: float, likelihood: float) -> Smoothed:
         samples, n = len(self.y), self.rates + 1
@@ -253,11 +255,11 @@ class Filtered:
         A filter corrects by ``K = P H' / R``, so that the noise has the covariance ``K R = P H'`` with its errors;
         where the filters of several intensities differ, of a mixture with more than ``R``, no more than its share.
         """
-        found = self.covariance.copy()
-        share = np.minimum(1.0, self.noise**2 / found[:, 0, 0])
-        found[:, 0, 1] = found[:, 1, 0] = share * found[:, 0, 1]
-        found[:, 0, 0] = self.noise**2
-        return found
+        covariance = self.covariance.copy()
+        share = np.minimum(1.0, self.noise**2 / covariance[:, 0, 0])
+        covariance[:, 0, 1] = covariance[:, 1, 0] = share * covariance[:, 0, 1]
+        covariance[:, 0, 0] = self.noise**2
+        return covariance
 
 
 def filtered(values: Floats, step: float, noise: float, measured: Mask | None = None) -> Filtered:

@@ -70,14 +70,14 @@ class BankMap:
             UserError: If less than half of the drive lies on the map, or it lacks position or heading.
         """
         distance, nearest = KDTree(self.places).query(_places(recording))
-        known = distance < _BESIDE
-        if known.mean() < _KNOWN:
+        on_map = distance < _BESIDE
+        if on_map.mean() < _KNOWN:
             raise UserError(
-                f"{recording.attrs.get('file', 'recording')}: only {known.mean():.0%} of it lies on the mapped road; "
+                f"{recording.attrs.get('file', 'recording')}: only {on_map.mean():.0%} of it lies on the mapped road; "
                 "leave out bank_map, or map the road with other drives"
             )
-        at = np.arange(len(known))
-        return np.asarray(np.interp(at, at[known], self.bank[nearest[known]]))
+        at = np.arange(len(on_map))
+        return np.asarray(np.interp(at, at[on_map], self.bank[nearest[on_map]]))
 
 
 @dataclass(frozen=True)
@@ -113,12 +113,12 @@ class _Passages:
     def bank(self, slopes: Floats, without: int | None = None) -> BankMap:
         """Return the map by all drives, or by all but one."""
         biases = [0.0, *slopes[2:]]
-        left = [d[:, 1] - d[:, 2:4] @ slopes[:2] - b for d, b in zip(self.drives, biases, strict=True)]
-        some = [i for i in range(len(left)) if i != without]
+        residuals = [d[:, 1] - d[:, 2:4] @ slopes[:2] - b for d, b in zip(self.drives, biases, strict=True)]
+        some = [i for i in range(len(residuals)) if i != without]
         places = np.concatenate([self.drives[i][:, 0] for i in some]).astype(int)
-        found, place = np.unique(places, return_inverse=True)
-        mean = np.bincount(place, np.concatenate([left[i] for i in some])) / np.bincount(place)
-        return BankMap(self.path[found], np.arcsin(np.clip((mean - mean.mean()) / GRAVITY, -1.0, 1.0)))
+        visited, place = np.unique(places, return_inverse=True)
+        mean = np.bincount(place, np.concatenate([residuals[i] for i in some])) / np.bincount(place)
+        return BankMap(self.path[visited], np.arcsin(np.clip((mean - mean.mean()) / GRAVITY, -1.0, 1.0)))
 
 
 def with_bank(fitted: Sequence[xr.Dataset], held_out: Sequence[xr.Dataset]) -> list[xr.Dataset]:

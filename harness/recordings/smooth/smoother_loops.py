@@ -215,23 +215,7 @@ def run_modes(y, noise, modes, leave, step, first, chances, means, covariances):
     seen = 0
     for k in range(samples):
         if k > 0:
-            for j in range(m):
-                ahead[j] = other + (stay - other) * weight[j]
-            for j in range(m):
-                for a in range(n):
-                    mixed[j, a] = 0.0
-                    for i in range(m):
-                        mixed[j, a] += (stay if i == j else other) * weight[i] / ahead[j] * x[i, a]
-                P_mixed[j] = 0.0
-                for i in range(m):
-                    share = (stay if i == j else other) * weight[i] / ahead[j]
-                    for a in range(n):
-                        d = x[i, a] - mixed[j, a]
-                        for b in range(a + 1):
-                            P_mixed[j, a, b] += share * (P[i, a, b] + d * (x[i, b] - mixed[j, b]))
-                for a in range(n):
-                    for b in range(a):
-                        P_mixed[j, b, a] = P_mixed[j, a, b]
+            interact(weight, x, P, stay, other, ahead, mixed, P_mixed)
             for j in range(m):
                 predict(mixed[j], P_mixed[j], step, modes[j], x[j], P[j])
                 weight[j] = ahead[j]
@@ -254,6 +238,39 @@ def run_modes(y, noise, modes, leave, step, first, chances, means, covariances):
         if means.shape[0] > 0:
             mix(weight, x, P, means[k], covariances[k])
     return total
+
+
+def interact(weight, x, P, stay, other, ahead, mixed, P_mixed):
+    """Write the mixtures that the filters of m modes begin a step from (Blom and Bar-Shalom 1988).
+
+    Args:
+        weight: Probability of each mode ``(m,)``.
+        x: Means ``(m, n)``.
+        P: Covariances ``(m, n, n)``.
+        stay: Probability that a mode lasts.
+        other: Probability of a change to one of the others.
+        ahead: Predicted probabilities, written ``(m,)``.
+        mixed: Means of the mixtures, written.
+        P_mixed: Their covariances, written.
+    """
+    m, n = x.shape
+    for j in range(m):
+        ahead[j] = other + (stay - other) * weight[j]
+    for j in range(m):
+        for a in range(n):
+            mixed[j, a] = 0.0
+            for i in range(m):
+                mixed[j, a] += (stay if i == j else other) * weight[i] / ahead[j] * x[i, a]
+        P_mixed[j] = 0.0
+        for i in range(m):
+            share = (stay if i == j else other) * weight[i] / ahead[j]
+            for a in range(n):
+                d = x[i, a] - mixed[j, a]
+                for b in range(a + 1):
+                    P_mixed[j, a, b] += share * (P[i, a, b] + d * (x[i, b] - mixed[j, b]))
+        for a in range(n):
+            for b in range(a):
+                P_mixed[j, b, a] = P_mixed[j, a, b]
 
 
 def mix(weight, x, P, mean, covariance):
@@ -287,4 +304,4 @@ def smooth_modes(chances, leave):
             chances[k, j] /= whole
 
 
-LOOPS = (predict, correct, run_filter, run_smoother, solve, run_modes, mix, smooth_modes)
+LOOPS = (predict, correct, run_filter, run_smoother, solve, run_modes, interact, mix, smooth_modes)
