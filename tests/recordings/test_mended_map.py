@@ -57,7 +57,7 @@ def offered(car, **delays):
     lines = {name: {**content[name], "delay": delay} for name, delay in delays.items()}
     found = tuple(Finding(DELAY, (name,), f"{name}: late", "") for name in delays)
     remedy = MapRemedy({**content, **lines}, tuple(lines), findings.fits)
-    return replace(findings, found=found, remedy=remedy)
+    return replace(findings, findings=found, remedy=remedy)
 
 
 def test_lines_that_spoil_the_fit_of_the_nominal_model_are_withdrawn(car):
@@ -79,7 +79,7 @@ def test_lines_that_the_fit_needs_stay(car):
     content, findings, examined = car
     late = {**content, "yaw_rate": {**content["yaw_rate"], "delay": "-200 ms"}}
     remedy = MapRemedy(content, ("yaw_rate",), findings.fits)
-    offer = replace(findings, found=(Finding(DELAY, ("yaw_rate",), "yaw_rate: late", ""),), remedy=remedy)
+    offer = replace(findings, findings=(Finding(DELAY, ("yaw_rate",), "yaw_rate: late", ""),), remedy=remedy)
     tried = tried_by_fit(offer, late, examined, NominalFit("govindarajan_2018"))
     assert tried.findings[0].mends
     assert tried.remedy.content == content

@@ -5,8 +5,9 @@ Its figures show the signals over time, both sides of each comparison, and the c
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -44,9 +45,6 @@ from harness.reporting.document import (
     write,
 )
 from harness.reporting.style import number
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 _PER_FIGURE = 6
 _TALLEST = 4.7
