@@ -18,6 +18,7 @@ if sys.argv[:1] == ["-m"] and not sys.flags.safe_path and sys.path[0] != os.path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    __version__: str
     from harness.api.check import Check as Check
     from harness.api.check import check as check
     from harness.api.diagnosis import Diagnosis as Diagnosis
@@ -66,12 +67,16 @@ __all__ = sorted(_PLACE_OF)
 
 def __getattr__(name: str) -> Any:
     """Import a public name when it is first asked for."""
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("robustness-harness")
     if name not in _PLACE_OF:
         raise AttributeError(f"module 'harness' has no attribute '{name}'; it offers {', '.join(__all__)}")
-    found = getattr(importlib.import_module(_PLACE_OF[name]), name)
-    globals()[name] = found
-    return found
+    public = getattr(importlib.import_module(_PLACE_OF[name]), name)
+    globals()[name] = public
+    return public
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return ["__version__", *__all__]

@@ -1,10 +1,12 @@
-"""How the objects show themselves in a notebook and on the console."""
+"""How the public objects show themselves in a notebook and on the console, are compared and state their keywords."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import dataclasses
+import inspect
+from collections.abc import Callable, Mapping
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -12,6 +14,8 @@ if TYPE_CHECKING:
 
 IN_PYTHON = "import harness, in Python"
 """How a report says that it was made, unless it is told otherwise."""
+
+_F = TypeVar("_F", bound=Callable[..., Any])
 
 
 def note(sentence: str) -> None:
@@ -22,28 +26,90 @@ def note(sentence: str) -> None:
     Console(stderr=True).print(Text(f"note: {sentence}"), soft_wrap=True)
 
 
-def html(title: str, facts: Mapping[str, Any], table: pd.DataFrame | None = None, summary: str = "") -> str:
-    """Return a title, a line per fact and a table that unfolds.
+def keywords(table: type) -> Callable[[_F], _F]:
+    """Spell out ``**keys: Unpack[table]`` in the signature of a function, for ``help`` and completion.
 
     Args:
-        title: What it is.
-        facts: Value by name; empty ones are left out.
-        table: Shown below, if any.
-        summary: What is in it.
+        table: TypedDict of the keywords.
     """
-    rows = "".join(
-        f"<tr><th style='text-align:left'>{escape(name)}</th><td style='text-align:left'>{escape(str(value))}</td></tr>"
-        for name, value in facts.items()
-        if value not in ("", None)
-    )
-    shown = f"<div><strong>{escape(title)}</strong><table>{rows}</table>"
-    if table is not None:
-        body = table.to_html(border=0, float_format=lambda v: f"{v:.6g}", na_rep="–")
-        shown += f"<details><summary>{escape(summary)}</summary>{body}</details>"
-    return f"{shown}</div>"
+
+    def spelled_out(function: _F) -> _F:
+        signature = inspect.signature(function)
+        *named, _ = signature.parameters.values()
+        own = inspect.get_annotations(table).items()
+        further = [inspect.Parameter(n, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=a) for n, a in own]
+        function.__signature__ = signature.replace(parameters=[*named, *further])  # type: ignore[attr-defined]
+        return function
+
+    return spelled_out
 
 
-def text(title: str, facts: Mapping[str, Any]) -> str:
-    """Return the same as plain text."""
-    lines = [f"  {name}: {value}" for name, value in facts.items() if value not in ("", None)]
-    return "\n".join([title, *lines])
+class Shown:
+    """Shows itself by a title and facts, and is equal to what is of its kind and has the same state."""
+
+    def _title(self) -> str:
+        return type(self).__name__
+
+    def _facts(self) -> Mapping[str, Any]:
+        """Return values by name; empty ones are left out."""
+        return {}
+
+    def _table(self) -> tuple[pd.DataFrame, str] | None:
+        """Return a table that unfolds in a notebook, and what is in it."""
+        return None
+
+    def _state(self) -> Any:
+        """Return what equal objects have in common."""
+        return vars(self)
+
+    def __repr__(self) -> str:
+        """Return the object in a few lines."""
+        lines = [f"  {name}: {value}" for name, value in self._facts().items() if value not in ("", None)]
+        return "\n".join([self._title(), *lines])
+
+    def _repr_html_(self) -> str:
+        rows = "".join(
+            f"<tr><th style='text-align:left'>{escape(name)}</th>"
+            f"<td style='text-align:left'>{escape(str(value))}</td></tr>"
+            for name, value in self._facts().items()
+            if value not in ("", None)
+        )
+        html = f"<div><strong>{escape(self._title())}</strong><table>{rows}</table>"
+        if (shown := self._table()) is not None:
+            table, summary = shown
+            body = table.to_html(border=0, float_format=lambda v: f"{v:.6g}", na_rep="–")
+            html += f"<details><summary>{escape(summary)}</summary>{body}</details>"
+        return f"{html}</div>"
+
+    def __eq__(self, other: object) -> bool:
+        """Return whether both state the same; NaN is equal to NaN."""
+        return isinstance(other, type(self)) and same(self._state(), other._state())
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+def same(one: Any, other: Any) -> bool:
+    """Return whether two objects hold the same, to the last bit: what pickle would write of them."""
+    import numpy as np
+
+    if one is other:
+        return True
+    if type(one) is not type(other):
+        return False
+    if isinstance(one, np.ndarray | np.generic):
+        return one.dtype == other.dtype and np.array_equal(one, other, equal_nan=one.dtype.kind in "fcmM")
+    if isinstance(one, float):
+        return bool(one == other or (one != one and other != other))
+    if hasattr(one, "identical"):  # of xarray and of an index of pandas
+        return bool(one.identical(other))
+    if hasattr(one, "equals"):  # of pandas
+        return bool(one.equals(other))
+    if isinstance(one, Mapping):
+        return list(one) == list(other) and all(same(value, other[key]) for key, value in one.items())
+    if isinstance(one, list | tuple):
+        return len(one) == len(other) and all(map(same, one, other))
+    if dataclasses.is_dataclass(one):
+        return all(same(getattr(one, f.name), getattr(other, f.name)) for f in dataclasses.fields(one))
+    if type(one).__eq__ is object.__eq__:
+        return same(one.__reduce_ex__(4), other.__reduce_ex__(4))
+    return bool(one == other)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from harness.api import _show
+from harness.api._show import Shown
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -59,7 +59,7 @@ def check(
     return Check(check_recording(source, mapped, parameters, fit_error))
 
 
-class Check:
+class Check(Shown):
     """What a check found; made by ``harness.check``."""
 
     def __init__(self, result: CheckResult) -> None:
@@ -126,10 +126,5 @@ class Check:
     def _facts(self) -> dict[str, Any]:
         return {"answer": self.answer, **{f"finding {i + 1}": str(f) for i, f in enumerate(self.findings)}}
 
-    def __repr__(self) -> str:
-        """Return the result in a few lines."""
-        return _show.text("Check", self._facts())
-
-    def _repr_html_(self) -> str:
-        table = self.comparisons
-        return _show.html("Check", self._facts(), table, f"{len(table)} comparisons")
+    def _table(self) -> tuple[pd.DataFrame, str]:
+        return self.comparisons, f"{len(self.comparisons)} comparisons"

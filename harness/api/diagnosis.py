@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from harness.api import _show
+from harness.api._show import IN_PYTHON, Shown
 from harness.api.model import Model, model_of
 from harness.api.recordings import recordings_of
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 ESTIMATORS = ("ekf", "ukf", "cdkf")
 
 
-class Diagnosis:
+class Diagnosis(Shown):
     """A search for what a model lacks that recordings can show (docs/trace.md).
 
     Args:
@@ -144,7 +144,7 @@ class Diagnosis:
             raise AttributeError("nothing was fitted yet; call fit(model, train, test) first")
         return self._outcome
 
-    def report(self, folder: str | Path, command: str = _show.IN_PYTHON) -> list[Path]:
+    def report(self, folder: str | Path, command: str = IN_PYTHON) -> list[Path]:
         """Write ``report.html``, ``report.pdf``, ``trace.json``, ``nominal.toml`` and ``amended.toml``.
 
         Args:
@@ -177,11 +177,5 @@ class Diagnosis:
             "answer": getattr(self, "answer_", ""),
         }
 
-    def __repr__(self) -> str:
-        """Return the diagnosis in a few lines."""
-        return _show.text("Diagnosis", self._facts())
-
-    def _repr_html_(self) -> str:
-        if self._outcome is None:
-            return _show.html("Diagnosis", self._facts())
-        return _show.html("Diagnosis", self._facts(), self.effects_, f"{len(self.effects_)} parameters of additions")
+    def _table(self) -> tuple[pd.DataFrame, str] | None:
+        return None if self._outcome is None else (self.effects_, f"{len(self.effects_)} parameters of additions")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from harness.api import _show
+from harness.api._show import Shown
 from harness.config import DriveSpec, single_drive
 
 if TYPE_CHECKING:
@@ -36,33 +36,17 @@ def drive(kind: str, name: str | None = None, **options: float | str) -> Drive:
           duration: 10 s
     """
     name = kind if name is None else name
-    return Drive(single_drive({**options, "name": name, "kind": kind}, f"drive '{name}'"))
+    return Drive(**vars(single_drive({**options, "name": name, "kind": kind}, f"drive '{name}'")))
 
 
-class Drive:
+class Drive(Shown, DriveSpec):
     """A drive; made by ``harness.drive``.
 
     Attributes:
-        spec: The record that all packages below take (internal).
+        name: Its name in a study.
+        kind: Kind of drive.
+        options: Options that were stated.
     """
-
-    def __init__(self, spec: DriveSpec) -> None:
-        self.spec = spec
-
-    @property
-    def name(self) -> str:
-        """Its name in a study."""
-        return self.spec.name
-
-    @property
-    def kind(self) -> str:
-        """Kind of drive."""
-        return self.spec.kind
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """Options that were stated."""
-        return dict(self.spec.options)
 
     def table(self) -> dict[str, Any]:
         """Return the drive by the keys of ``[[drive]]`` in a study file."""
@@ -94,7 +78,7 @@ class Drive:
         from harness.models.signals import signal_attributes
         from harness.simulation.drives import profile_of
 
-        profile = profile_of(model.spec, self.spec)
+        profile = profile_of(model.spec, self)
         columns = {"steering_wheel_angle": profile.steering_wheel_angle, "speed": profile.speed, **profile.further}
         return xr.Dataset(
             {name: ("time", values, signal_attributes(name)) for name, values in columns.items()},
@@ -105,9 +89,5 @@ class Drive:
     def _facts(self) -> dict[str, Any]:
         return {"kind": self.kind, **self.options}
 
-    def __repr__(self) -> str:
-        """Return the drive in a few lines."""
-        return _show.text(f"Drive '{self.name}'", self._facts())
-
-    def _repr_html_(self) -> str:
-        return _show.html(f"Drive '{self.name}'", self._facts())
+    def _title(self) -> str:
+        return f"Drive '{self.name}'"

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from harness.api import _show
+from harness.api._show import IN_PYTHON, Shown
 from harness.api.estimator import Estimator, believed_on
 from harness.api.model import Model
 from harness.api.recordings import recordings_of
@@ -61,14 +61,10 @@ def estimate(
         >>> bool(found.errors.rmse[("sine", "EKF", "lateral_velocity")] < 0.1)
         True
     """
-    from harness.recorded.run import RecordedEstimator
-
     named = _named(estimators)
     given = _told_apart(recordings_of(recordings, "recordings"))
     believed = believed_on(model, given, signals, references, inputs, jobs)
-    compiled = [
-        RecordedEstimator(believed, e.kind, e.resolved, e.folder, name, e.input_signal) for name, e in named.items()
-    ]
+    compiled = [e.on(believed, name) for name, e in named.items()]
     return Estimates(believed, given, _run(believed, compiled, given, seed, jobs))
 
 
@@ -128,7 +124,7 @@ def _run(
     return [found[task] for task in tasks]
 
 
-class Estimates:
+class Estimates(Shown):
     """What estimators say of recordings; made by ``harness.estimate``."""
 
     def __init__(self, model: RecordedModel, recordings: Sequence[xr.Dataset], runs: Sequence[xr.Dataset]) -> None:
@@ -197,7 +193,7 @@ class Estimates:
     def report(
         self,
         folder: str | Path,
-        command: str = _show.IN_PYTHON,
+        command: str = IN_PYTHON,
         form: Literal["csv", "parquet", "nc"] = "csv",
     ) -> list[Path]:
         """Write ``report.html``, ``report.pdf``, ``estimate.json`` and a file per recording and estimator.
@@ -228,10 +224,6 @@ class Estimates:
         recordings, estimators = (dict.fromkeys(k[i] for k in self.runs) for i in (0, 1))
         return {"answer": self.answer, "recordings": ", ".join(recordings), "estimators": ", ".join(estimators)}
 
-    def __repr__(self) -> str:
-        """Return the result in a few lines."""
-        return _show.text("Estimates", self._facts())
-
-    def _repr_html_(self) -> str:
+    def _table(self) -> tuple[pd.DataFrame, str]:
         table = self.errors if len(self.errors) else self.summary
-        return _show.html("Estimates", self._facts(), table, f"{len(table)} rows")
+        return table, f"{len(table)} rows"

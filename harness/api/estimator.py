@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from harness.api import _show
-from harness.config import InputSignal, single_estimator
+from harness.api._show import Shown
+from harness.config import single_estimator
 
 if TYPE_CHECKING:
     import os
@@ -16,10 +15,10 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from harness.api.model import Model
-    from harness.recorded.run import RecordedModel
+    from harness.recorded.run import RecordedEstimator, RecordedModel
 
 
-class Estimator:
+class Estimator(Shown):
     """An estimator.
 
     Args:
@@ -31,6 +30,7 @@ class Estimator:
     Attributes:
         kind: Kind of estimator.
         settings: What was stated.
+        spec: The record that all packages below take, its settings completed (internal).
 
     Raises:
         UserError: If there is no such estimator, it has no such setting, or a setting does not fit.
@@ -43,7 +43,7 @@ class Estimator:
     """
 
     def __init__(self, kind: str, **settings: Any) -> None:
-        self._spec = single_estimator({**settings, "kind": kind}, f"estimator '{kind}'")
+        self.spec = single_estimator({**settings, "kind": kind}, f"estimator '{kind}'")
         self.kind, self.settings = kind, dict(settings)
 
     def table(self) -> dict[str, Any]:
@@ -98,34 +98,23 @@ class Estimator:
             ('m/s', True)
         """
         from harness.api.recordings import recordings_of
-        from harness.recorded.run import RecordedEstimator
 
         given = recordings_of(recording, "recording")
         believed = believed_on(model, given, signals, references, inputs)
-        compiled = RecordedEstimator(believed, self.kind, self.resolved, self.folder, input_signal=self.input_signal)
-        return compiled.run(given[0], seed)
+        return self.on(believed).run(given[0], seed)
 
-    @property
-    def resolved(self) -> Mapping[str, Any]:
-        """The settings as the packages below take them (internal)."""
-        return self._spec.settings
+    def on(self, model: RecordedModel, name: str = "") -> RecordedEstimator:
+        """Return what runs it over recordings, under a name of its own perhaps (internal)."""
+        from harness.recorded.run import RecordedEstimator
 
-    @property
-    def input_signal(self) -> InputSignal | None:
-        """What it takes for inputs with noise, as stated (internal)."""
-        return self._spec.input_signal
+        spec = self.spec
+        return RecordedEstimator(model, spec.kind, spec.settings, spec.base, name, spec.input_signal)
 
-    @property
-    def folder(self) -> Path:
-        """What files that settings name are relative to (internal)."""
-        return self._spec.base
+    def _title(self) -> str:
+        return f"Estimator '{self.kind}'"
 
-    def __repr__(self) -> str:
-        """Return the estimator in a few lines."""
-        return _show.text(f"Estimator '{self.kind}'", self.settings)
-
-    def _repr_html_(self) -> str:
-        return _show.html(f"Estimator '{self.kind}'", self.settings)
+    def _facts(self) -> Mapping[str, Any]:
+        return self.settings
 
 
 def believed_on(

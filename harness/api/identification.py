@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from harness.api import _show
+from harness.api._show import IN_PYTHON, Shown
 from harness.api.model import Model, model_of
 from harness.api.recordings import recordings_of
 
@@ -75,7 +75,7 @@ def _is_none(given: Any) -> bool:
     return given is None or (isinstance(given, list | tuple) and not given)
 
 
-class Identification:
+class Identification(Shown):
     """Parameters as found; made by ``harness.identify``."""
 
     def __init__(self, found: Fitted) -> None:
@@ -159,7 +159,7 @@ class Identification:
         index = pd.MultiIndex.from_tuples(list(rows), names=["drive", "output"])
         return pd.DataFrame(list(rows.values()), index=index, columns=columns)
 
-    def report(self, folder: str | Path, command: str = _show.IN_PYTHON) -> list[Path]:
+    def report(self, folder: str | Path, command: str = IN_PYTHON) -> list[Path]:
         """Write ``parameters.toml``, ``identify.json``, ``report.html`` and ``report.pdf`` and return their paths.
 
         Args:
@@ -182,13 +182,8 @@ class Identification:
             "fitted": ", ".join(d.name for d in problem.drives),
             "held out": ", ".join(d.name for d in self._found.tests),
             "converged": "yes" if fit.converged else "no",
+            **{e.name: f"{e.value:.6g} ± {e.error:.2g} {e.unit}" for e in fit.estimates},
         }
 
-    def __repr__(self) -> str:
-        """Return the result in a few lines."""
-        values = {e.name: f"{e.value:.6g} ± {e.error:.2g} {e.unit}" for e in self._found.fit.estimates}
-        return _show.text("Identification", {**self._facts(), **values})
-
-    def _repr_html_(self) -> str:
-        table = self.estimates.drop(columns="reason")
-        return _show.html("Identification", self._facts(), table, f"{len(table)} estimates")
+    def _table(self) -> tuple[pd.DataFrame, str]:
+        return self.estimates.drop(columns="reason"), f"{len(self.estimates)} estimates"

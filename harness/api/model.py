@@ -6,7 +6,7 @@ from collections.abc import Hashable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 
-from harness.api import _show
+from harness.api._show import Shown, keywords, note
 from harness.config import ModelSpec, complete, largest_sensors, resolve_single
 from harness.config.parameter_set import set_text
 from harness.config.unknown_parameters import KEYS as UNCERTAIN
@@ -44,6 +44,7 @@ class Further(Integration, total=False):
     considered_parameters: Sequence[str | Mapping[str, Any]] | None
 
 
+@keywords(Further)
 def model(
     vehicle: str,
     parameters: str | Path | None = None,
@@ -107,7 +108,7 @@ def model(
     return Model({key: _plain(value) for key, value in stated.items() if value is not None})
 
 
-class Model:
+class Model(Shown):
     """A vehicle with everything needed to run it; made by ``harness.model``, by a fit or by a diagnosis.
 
     Attributes:
@@ -149,7 +150,7 @@ class Model:
         """
         table, notes = self.completed(recordings)
         for each in notes:
-            _show.note(each)
+            note(each)
         return table
 
     def completed(
@@ -295,13 +296,14 @@ class Model:
             "changed": ", ".join(f"{k} = {v}" for k, v in self.stated.get("values", {}).items()),
         }
 
-    def __repr__(self) -> str:
-        """Return the model in a few lines."""
-        return _show.text(f"Model of {self.vehicle}", self._facts())
+    def _title(self) -> str:
+        return f"Model of {self.vehicle}"
 
-    def _repr_html_(self) -> str:
-        table = self.parameters
-        return _show.html(f"Model of {self.vehicle}", self._facts(), table, f"{len(table)} parameters")
+    def _table(self) -> tuple[pd.DataFrame, str]:
+        return self.parameters, f"{len(self.parameters)} parameters"
+
+    def _state(self) -> Any:
+        return self.stated, self._checked
 
 
 def model_of(spec: ModelSpec) -> Model:

@@ -60,7 +60,7 @@ def simulate(model: Model, drive: Drive, seed: int | None = None, signals: Seque
     spec = model.spec
     for signal in signals:
         spec.model().resolve(signal)
-    found = simulate_drive(spec, profile_of(spec, drive.spec), signals, seed, held=False)
+    found = simulate_drive(spec, profile_of(spec, drive), signals, seed, held=False)
     inputs = set(spec.model().inputs) - set(spec.model().states)
     outputs = set(spec.model().outputs)
     for name, variable in found.data_vars.items():

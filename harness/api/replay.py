@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
-from harness.api import _show
+from harness.api._show import Shown
 from harness.common.errors import UserError
 from harness.common.registry import closest
 from harness.config.alone import Change
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-class Replay:
+class Replay(Shown):
     """A run computed again; made by ``Results.replay``.
 
     Attributes:
@@ -60,17 +60,18 @@ class Replay:
         import pandas as pd
 
         run, words = self._run, {code: word for word, code in FLAGS.items()}
-        estimators = [str(e) for e in self.data["estimator"].values]
+        estimators, units = ([str(e) for e in self.data[name].values] for name in ("estimator", "target_unit"))
         rows = [
             {
                 "estimator": estimator,
                 "target": target,
+                "target_unit": unit,
                 **{name: float(run.scores[name][i, k]) for name in PER_TARGET},
                 **{name: float(run.scores[name][i]) for name in PER_RUN},
                 STATUS: words[int(run.scores[STATUS][i])],
             }
             for i, estimator in enumerate(estimators)
-            for k, target in enumerate(run.study.targets)
+            for k, (target, unit) in enumerate(zip(run.study.targets, units, strict=False))
         ]
         return pd.DataFrame(rows)
 
@@ -93,12 +94,11 @@ class Replay:
     def _facts(self) -> dict[str, Any]:
         return {"study": self._run.study.title, "answer": self.answer}
 
-    def __repr__(self) -> str:
-        """Return the run in a few lines."""
-        return _show.text("Run computed again", self._facts())
+    def _title(self) -> str:
+        return "Run computed again"
 
-    def _repr_html_(self) -> str:
-        return _show.html("Run computed again", self._facts(), self.scores, "scores")
+    def _table(self) -> tuple[pd.DataFrame, str]:
+        return self.scores, "scores"
 
 
 class Replays(StoredRuns):

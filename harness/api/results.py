@@ -71,8 +71,8 @@ class Results(xr.DataTree):
     target, which is in the coordinate ``target_unit``. Over all but ``target``: ``nees``, ``nis``, ``nees_inside``,
     ``nis_inside``, ``log_likelihood``, ``repairs``, ``updates``, ``time_of_divergence`` (s) and ``status``, whose codes
     are in its attributes ``flag_values`` and ``flag_meanings``. ``factor_<parameter>`` over ``(band, sample)`` is what
-    was varied, in SI units. Coordinates: ``drive``, ``estimator``, ``target``, ``band_label``, ``target_unit``,
-    ``duration`` (s). ``.sel`` takes ``band_label``, ``drive``, ``estimator`` and ``target`` by their names.
+    was varied, in SI units. Coordinates: ``band`` (label, also as ``band_label``, which the store has), ``drive``,
+    ``estimator``, ``target``, ``target_unit``, ``duration`` (s). ``.sel`` takes all of them by their names.
 
     ``results["history/<i>"]`` has ``truth (time, target)``, ``estimate`` and ``std (time, estimator, target)``,
     ``measured_<output>`` and ``input_<name>`` over ``time`` (s).
@@ -105,10 +105,11 @@ class Results(xr.DataTree):
             report_units: Whether errors and factors are in the units of reports (deg, kN, t) in place of SI units.
 
         Returns:
-            Columns ``design``, ``band`` (label), one per factor, ``drive``, ``sample``, ``repeat``, ``estimator``,
-            ``target``, ``unit`` (of the errors), ``rmse``, ``bias``, ``max_error``, the scores of the run, and
-            ``status`` in words. Labels are categories in the order of the study. ``attrs["units"]`` has the unit of
-            every column that has one. Scores of runs that are not ``ok`` are as stored; select with ``status``.
+            Columns ``design``, and under their names in the tree ``band`` (label), ``factor_<parameter>``, ``drive``,
+            ``sample``, ``repeat``, ``estimator``, ``target``, ``target_unit``, ``rmse``, ``bias``, ``max_error``, the
+            scores of the run, and ``status`` in words. Labels are categories in the order of the study.
+            ``attrs["units"]`` has the unit of every column that has one. Scores of runs that are not ``ok`` are as
+            stored; select with ``status``.
 
         Raises:
             KeyError: If there is no design of that name.
@@ -119,7 +120,7 @@ class Results(xr.DataTree):
             raise KeyError(f"there is no design '{design}'; there are {there}")
         tables = [_rows(name, node.to_dataset(), report_units) for name, node in nodes.items()]
         table = pd.concat(tables, ignore_index=True) if len(tables) > 1 else tables[0]
-        for name in ("design", "band", "drive", "estimator", "target", "unit", STATUS):
+        for name in ("design", "band", "drive", "estimator", "target", "target_unit", STATUS):
             words = dict.fromkeys(word for each in tables for word in each[name].cat.categories)
             table[name] = pd.Categorical(table[name], categories=list(words))
         table.attrs = {"units": {k: v for each in tables for k, v in each.attrs["units"].items()}}
@@ -214,7 +215,8 @@ class Results(xr.DataTree):
 def _ordered(data: xr.Dataset) -> xr.Dataset:
     """Return a design with its scores in a fixed order, bands to be selected by their label."""
     scores = [n for n in (*PER_TARGET, *PER_RUN, STATUS) if n in data]
-    return data[[*scores, *sorted(str(n) for n in data if n not in scores)]].set_xindex("band_label")
+    ordered = data[[*scores, *sorted(str(n) for n in data if n not in scores)]]
+    return ordered.assign_coords(band=ordered["band_label"].to_numpy()).set_xindex("band_label")
 
 
 def _rows(design: str, data: xr.Dataset, report_units: bool) -> pd.DataFrame:
@@ -229,9 +231,9 @@ def _rows(design: str, data: xr.Dataset, report_units: bool) -> pd.DataFrame:
         "band": _labels(places["band"], words["band_label"]),
     }
     for factor in json.loads(data.attrs.get("factors", "[]")):
-        name = str(factor["name"])
-        values = _over(data[f"factor_{name}"], ("band", "sample"))[places["band"], places["sample"]]
-        si = str(data[f"factor_{name}"].attrs.get("units", ""))
+        name = f"factor_{factor['name']}"
+        values = _over(data[name], ("band", "sample"))[places["band"], places["sample"]]
+        si = str(data[name].attrs.get("units", ""))
         units[name] = str((report_units and factor.get("unit")) or si)
         table[name] = values / scale(units[name], si, name) if report_units else values
     table["drive"] = _labels(places["drive"], words["drive"])
@@ -239,7 +241,7 @@ def _rows(design: str, data: xr.Dataset, report_units: bool) -> pd.DataFrame:
     table["estimator"] = _labels(places["estimator"], words["estimator"])
     table["target"] = _labels(places["target"], words["target"])
     shown = [quantity(n, u) for n, u in zip(words["target"], words["target_unit"], strict=True)]
-    table["unit"] = _labels(places["target"], [q.unit for q in shown] if report_units else words["target_unit"])
+    table["target_unit"] = _labels(places["target"], [q.unit for q in shown] if report_units else words["target_unit"])
     factors = np.array([q.scale if report_units else 1.0 for q in shown])[places["target"]]
     for name in (n for n in PER_TARGET if n in data):
         table[name] = _over(data[name], (*_INDEX, "target")).ravel() * factors

@@ -7,13 +7,12 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 
-from harness.api import _show
+from harness.api._show import Shown, keywords
 from harness.api.drive import Drive
 from harness.api.estimator import Estimator
 from harness.api.model import Model
 from harness.common.errors import UserError
 from harness.common.places import place
-from harness.config import Study as StudyRecord
 from harness.config import build_study, load_study
 from harness.config.specs import Device
 
@@ -25,50 +24,6 @@ Drives = str | Drive | Mapping[str, Any] | Sequence[str | Drive | Mapping[str, A
 Estimators = (
     Mapping[str, str | Estimator | Mapping[str, Any]] | str | Estimator | Sequence[str | Estimator | Mapping[str, Any]]
 )
-
-
-class FactorKeys(TypedDict, total=False):
-    """Keys of ``[[design.factor]]`` beside ``parameter``; exactly one of levels, shift, bands and range.
-
-    Attributes:
-        of: Whose value it replaces: ``plant`` (default), ``belief`` or ``both``.
-        unit: Of the labels and of plain numbers.
-        levels: Values.
-        shift: Differences from what is believed; percent is relative to it.
-        bands: Half-widths around what is believed.
-        range: One band by its edges.
-        scale: ``linear`` (default) or ``log``.
-        band: Half-width around each level or shift.
-        labels: One per band.
-    """
-
-    of: Literal["plant", "belief", "both"]
-    unit: str
-    levels: Sequence[Quantity]
-    shift: Sequence[Quantity]
-    bands: Sequence[Quantity]
-    range: Sequence[Quantity]
-    scale: Literal["linear", "log"]
-    band: Quantity
-    labels: Sequence[str]
-
-
-class DesignKeys(TypedDict, total=False):
-    """Keys of ``[[design]]`` beside ``name`` and ``factor``.
-
-    Attributes:
-        sampling: ``sobol`` (default), ``saltelli`` for sensitivity indices, ``tolerance`` for nested boxes.
-        samples: Sobol points per band (default 1).
-        boxes: Nested boxes of a tolerance design.
-        repeats: Runs with fresh noise per point (default 1).
-        sobol_any_n: Allow a number of samples that is no power of two.
-    """
-
-    sampling: Literal["sobol", "saltelli", "tolerance"]
-    samples: int
-    boxes: int
-    repeats: int
-    sobol_any_n: bool
 
 
 class StudyKeys(TypedDict, total=False):
@@ -91,40 +46,87 @@ class StudyKeys(TypedDict, total=False):
     report: Mapping[str, Any]
 
 
-def factor(parameter: str, **keys: Unpack[FactorKeys]) -> dict[str, Any]:
+def factor(
+    parameter: str,
+    *,
+    of: Literal["plant", "belief", "both"] | None = None,
+    unit: str | None = None,
+    levels: Sequence[Quantity] | None = None,
+    shift: Sequence[Quantity] | None = None,
+    bands: Sequence[Quantity] | None = None,
+    range: Sequence[Quantity] | None = None,
+    scale: Literal["linear", "log"] | None = None,
+    band: Quantity | None = None,
+    labels: Sequence[str] | None = None,
+) -> dict[str, Any]:
     """Return a factor of a design: the table ``[[design.factor]]`` of a study file.
+
+    Exactly one of levels, shift, bands and range is stated. A number is in SI units or in ``unit``, text carries its
+    own.
 
     Args:
         parameter: Parameter of the model, or ``process_noise_scale``, ``measurement_noise_scale``,
             ``input_noise_scale``.
-        keys: See ``FactorKeys``. A number is in SI units or in ``unit``, text carries its own.
+        of: Whose value it replaces; the plant's by default.
+        unit: Of the labels and of plain numbers.
+        levels: Values.
+        shift: Differences from what is believed; percent is relative to it.
+        bands: Half-widths around what is believed.
+        range: One band by its edges.
+        scale: ``linear`` by default.
+        band: Half-width around each level or shift.
+        labels: One per band.
 
     Example:
         >>> import harness as h
         >>> h.factor("mass", shift=["-10 %", "10 %"])
         {'parameter': 'mass', 'shift': ['-10 %', '10 %']}
     """
-    return {"parameter": parameter, **{k: _listed(v) for k, v in keys.items()}}
+    varied = {"levels": levels, "shift": shift, "bands": bands, "range": range, "band": band}
+    return _stated({"parameter": parameter, "of": of, "unit": unit, **varied, "scale": scale, "labels": labels})
 
 
-def design(name: str, factors: Sequence[Mapping[str, Any]] = (), **keys: Unpack[DesignKeys]) -> dict[str, Any]:
+def design(
+    name: str,
+    factors: Sequence[Mapping[str, Any]] = (),
+    *,
+    sampling: Literal["sobol", "saltelli", "tolerance"] | None = None,
+    samples: int | None = None,
+    boxes: int | None = None,
+    repeats: int | None = None,
+    sobol_any_n: bool | None = None,
+) -> dict[str, Any]:
     """Return a design: the table ``[[design]]`` of a study file.
 
     Args:
         name: Unique name, that of its group in the store.
         factors: From ``factor``; the i-th bands of all of them belong together. None for the nominal case alone.
-        keys: See ``DesignKeys``.
+        sampling: ``sobol`` by default, ``saltelli`` for sensitivity indices, ``tolerance`` for nested boxes.
+        samples: Sobol points per band (default 1).
+        boxes: Nested boxes of a tolerance design.
+        repeats: Runs with fresh noise per point (default 1).
+        sobol_any_n: Allow a number of samples that is no power of two.
 
     Example:
         >>> import harness as h
         >>> h.design("loads", [h.factor("mass", range=["1.4 t", "1.9 t"])], samples=16)["samples"]
         16
     """
-    return {"name": name, "factor": [dict(each) for each in factors], **keys}
+    keys = {"sampling": sampling, "samples": samples, "boxes": boxes, "repeats": repeats, "sobol_any_n": sobol_any_n}
+    return {"name": name, "factor": [dict(each) for each in factors], **_stated(keys)}
 
 
 def levels(
-    parameter: str, values: Sequence[Quantity], repeats: int = 1, name: str = "", **keys: Unpack[FactorKeys]
+    parameter: str,
+    values: Sequence[Quantity],
+    repeats: int = 1,
+    name: str = "",
+    *,
+    of: Literal["plant", "belief", "both"] | None = None,
+    unit: str | None = None,
+    scale: Literal["linear", "log"] | None = None,
+    band: Quantity | None = None,
+    labels: Sequence[str] | None = None,
 ) -> dict[str, Any]:
     """Return a design that varies one parameter over levels.
 
@@ -133,17 +135,22 @@ def levels(
         values: The levels.
         repeats: Runs with fresh noise per level and drive.
         name: Name of the design; that of the parameter by default.
-        keys: Of the factor, see ``FactorKeys``.
+        of: As in ``factor``.
+        unit: As in ``factor``.
+        scale: As in ``factor``.
+        band: Half-width around each level.
+        labels: One per level.
 
     Example:
         >>> import harness as h
         >>> h.levels("mass", ["1.4 t", "1.9 t"], repeats=8)["repeats"]
         8
     """
-    return design(name or parameter, [{**factor(parameter, **keys), "levels": _listed(values)}], repeats=repeats)
+    varied = factor(parameter, of=of, unit=unit, levels=values, scale=scale, band=band, labels=labels)
+    return design(name or parameter, [varied], repeats=repeats)
 
 
-class Study:
+class Study(Shown):
     """A study: drives, plant, belief, estimators and what is varied.
 
     Arguments are the keys of a study file and mean the same (docs/studies.md); the tables of which a file may have
@@ -160,6 +167,9 @@ class Study:
         name: Name of the study and of its result folder.
         folder: Files that it names are looked for here first.
         further: See ``StudyKeys``.
+
+    Attributes:
+        spec: The resolved record that all packages below take (internal).
 
     Raises:
         UserError: If anything in it is wrong; one line per problem.
@@ -178,6 +188,7 @@ class Study:
         16
     """
 
+    @keywords(StudyKeys)
     def __init__(
         self,
         plant: Model | Mapping[str, Any],
@@ -199,30 +210,25 @@ class Study:
             **_drive_tables(drives),
             "estimator": _estimator_tables(estimators),
             "design": [dict(each) for each in ([designs] if isinstance(designs, Mapping) else designs)],
-            **{key: _listed(value) for key, value in further.items()},
+            **_stated(further),
         }
-        self._record = build_study(content, Path(folder) / name)
-
-    @property
-    def record(self) -> StudyRecord:
-        """The resolved record that all packages below take (internal)."""
-        return self._record
+        self.spec = build_study(content, Path(folder) / name)
 
     @property
     def name(self) -> str:
         """Its name."""
-        return self._record.name
+        return self.spec.name
 
     @property
     def runs(self) -> int:
         """Number of runs, each estimator's counted."""
-        drives, estimators = len(self._record.drives), len(self._record.estimators)
-        return sum(d.bands * d.samples * d.repeats for d in self._record.designs) * drives * estimators
+        drives, estimators = len(self.spec.drives), len(self.spec.estimators)
+        return sum(d.bands * d.samples * d.repeats for d in self.spec.designs) * drives * estimators
 
     @property
     def toml(self) -> str:
         """The study file that states the same."""
-        return self._record.text
+        return self.spec.text
 
     def run(
         self,
@@ -280,14 +286,14 @@ class Study:
             if scheduler is not None or dask is not None:
                 from harness.study.cluster import connected, refuse_objects
 
-                refuse_objects(self._record)
+                refuse_objects(self.spec)
                 client = stack.enter_context(connected(scheduler, jobs))
             folder = Path("results") / self.name if out is None else place(out)
-            run_study(self._record, folder, jobs, client=client, agree=agree, restart=restart, device=device)
+            run_study(self.spec, folder, jobs, client=client, agree=agree, restart=restart, device=device)
         return open_results(folder)
 
     def _facts(self) -> dict[str, Any]:
-        study = self._record
+        study = self.spec
         return {
             "question": study.title,
             "targets": ", ".join(study.targets),
@@ -299,12 +305,8 @@ class Study:
             "runs": self.runs,
         }
 
-    def __repr__(self) -> str:
-        """Return the study in a few lines."""
-        return _show.text(f"Study '{self.name}'", self._facts())
-
-    def _repr_html_(self) -> str:
-        return _show.html(f"Study '{self.name}'", self._facts())
+    def _title(self) -> str:
+        return f"Study '{self.name}'"
 
 
 def read_study(path: str | Path, quick: bool = False) -> Study:
@@ -341,7 +343,7 @@ def read_study(path: str | Path, quick: bool = False) -> Study:
         1
     """
     study = Study.__new__(Study)
-    study._record = load_study(path, quick)
+    study.spec = load_study(path, quick)
     return study
 
 
@@ -367,6 +369,11 @@ def _estimator_table(given: str | Estimator | Mapping[str, Any]) -> dict[str, An
     if isinstance(given, str):
         return {"kind": given}
     return given.table() if isinstance(given, Estimator) else dict(given)
+
+
+def _stated(keys: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the keys that were stated, their values as TOML has them."""
+    return {key: _listed(value) for key, value in keys.items() if value is not None}
 
 
 def _listed(value: Any) -> Any:

@@ -55,7 +55,7 @@ def observability(
     if drive is not None:
         from harness.simulation.drives import profile_of
 
-        profile = profile_of(spec, drive_of(drive, option).spec)
+        profile = profile_of(spec, drive_of(drive, option))
     elif option:
         raise UserError("--option belongs to a drive; name it with --drive")
     from harness.cli.observability_report import report

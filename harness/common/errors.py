@@ -5,8 +5,12 @@ from __future__ import annotations
 import difflib
 
 
-class UserError(Exception):
+class UserError(ValueError):
     """A request that cannot be carried out as stated; the command line shows the message and exits with 2."""
+
+
+class MissingFileError(UserError, FileNotFoundError):
+    """A file or folder that is named and not there."""
 
 
 class WorkError(RuntimeError):

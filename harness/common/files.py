@@ -18,7 +18,7 @@ from typing import Any
 from unicodedata import category
 
 from harness.common import places
-from harness.common.errors import UserError, closest
+from harness.common.errors import MissingFileError, UserError, closest
 
 BUNDLED_STUDIES = Path(__file__).parents[1] / "config" / "studies"
 """Studies of the package with their drives and channel maps: a link in the checkout, a folder in a wheel."""
@@ -141,7 +141,7 @@ def read_text(path: Path) -> str:
         return content.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except FileNotFoundError:
         beside = sorted(p.name for p in path.parent.glob(f"*{path.suffix}")) if path.parent.is_dir() else []
-        raise UserError(f"{path}: there is no such file{closest(path.name, beside)}") from None
+        raise MissingFileError(f"{path}: there is no such file{closest(path.name, beside)}") from None
     except UnicodeDecodeError as error:
         what = wide_text(error.object) or f"not UTF-8 text (byte {error.start})"
         raise UserError(f"{path}: is {what}; save the file as UTF-8") from None
@@ -230,6 +230,8 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
         raise UserError(f"{where}: not valid TOML: {error}") from None
     except RecursionError:
         raise UserError(f"{where}: not valid TOML: nested too deeply") from None
+    except UserError:
+        raise
     except ValueError as error:  # dates and integers that Python has no number for
         raise UserError(f"{where}: not valid TOML: {error}") from None
     return content

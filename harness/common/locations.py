@@ -23,7 +23,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from harness.common.errors import UserError, closest
+from harness.common.errors import MissingFileError, UserError, closest
 from harness.common.files import BUNDLED_STUDIES, read_toml
 
 MARK = "harness.toml"
@@ -133,7 +133,8 @@ def find(kind: Kind, name: str, beside: Path | None = None) -> Path:
     found = next((path for path in candidates if path.is_file()), None) if Path(name).name == name else None
     if found is None:
         near = closest(name, list(files(kind, beside)))
-        raise UserError(f"there is no {kind.what} '{name}'{near} (looked in {', '.join(shown(f) for f in there)})")
+        where = ", ".join(map(shown, there))
+        raise MissingFileError(f"there is no {kind.what} '{name}'{near} (looked in {where})")
     root, ours = project(), kind.in_package / found.name
     theirs = root is not None and found.parent == root / kind.in_project
     if theirs and ours.is_file() and not _same(found, ours) and found not in _said:

@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from harness.common import registry
-from harness.common.errors import UserError
+from harness.common.errors import MissingFileError, UserError
 from harness.common.files import read_toml, toml_text
 from harness.config.problems import Problems, add_validation_errors
 from harness.config.schema import ParameterFile
@@ -97,7 +97,7 @@ def set_from_file(name: str, folder: Path, where: str) -> ParameterSet:
 
     path = next((p for p in (folder / name, Path(name)) if p.is_file()), None)
     if path is None:
-        raise UserError(f"{where}: there is no parameter file '{name}' in {folder} or the working directory")
+        raise MissingFileError(f"{where}: there is no parameter file '{name}' in {folder} or the working directory")
     inner = Problems(str(path))
     try:
         raw = ParameterFile.model_validate(read_toml(path))

@@ -209,6 +209,8 @@ class Estimator:
             raise UserError(
                 f"settings of estimator '{kind}': a number is too large or too small to reckon with"
             ) from error
+        except UserError:
+            raise
         except ValueError as error:
             raise UserError(f"settings of estimator '{kind}': {error}") from error
         given = file.estimates(chosen, folder) if hasattr(file, "estimates") else compiled.signal_names

@@ -22,7 +22,7 @@ import numpy as np
 
 from harness.common import locations, places
 from harness.common.arrays import Floats
-from harness.common.errors import UserError
+from harness.common.errors import MissingFileError, UserError
 from harness.common.files import told_as_damaged
 
 _KEYS = ("inputs", "outputs", "input_delays", "output_delays", "step")
@@ -208,7 +208,7 @@ def find(name: str, folder: Path = Path()) -> Path:
     candidates = (folder / name, Path(name))
     found = next((path for path in candidates if path.is_file()), None)
     if found is None:
-        raise UserError(f"there is no network file {' or '.join(dict.fromkeys(str(p) for p in candidates))}")
+        raise MissingFileError(f"there is no network file {' or '.join(dict.fromkeys(str(p) for p in candidates))}")
     return found
 
 
@@ -221,7 +221,7 @@ def load(path: Path) -> Network:
     """
     again = "write it with python -m reproductions.narx_training"
     if not path.is_file():
-        raise UserError(f"{path}: there is no such file")
+        raise MissingFileError(f"{path}: there is no such file")
     not_plain = UserError(f"{path}: not an .npz file of plain arrays; pickled objects are refused; {again}")
     if not zipfile.is_zipfile(path):
         raise not_plain

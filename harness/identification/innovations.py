@@ -43,6 +43,7 @@ class Innovations(FilteredModel):
 
     def __init__(self, spec: ModelSpec, kind: str = "ekf", jobs: int | None = None) -> None:
         super().__init__(spec, spec.model(), jobs)
+        self.kind = kind
         file = load_estimator(kind)
         self.tuning = np.array(file.tuning(file.Settings(), self.compiled.nx, self.compiled.ny), dtype=float)
 
@@ -53,6 +54,10 @@ class Innovations(FilteredModel):
 
         self._plain = loop(self.compiled, time_loops.note_run)
         self._slopes = loop(self.duals, time_loops.note_slopes)
+
+    def __reduce__(self) -> tuple[type[Innovations], tuple[ModelSpec, str, int]]:
+        """Pickle what it is made of: its kernels are compiled again."""
+        return Innovations, (self.spec, self.kind, self.jobs)
 
     @property
     def loop(self) -> Dispatcher:

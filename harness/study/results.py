@@ -14,7 +14,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from harness.common import stores
-from harness.common.errors import UserError
+from harness.common.errors import MissingFileError, UserError
 from harness.common.places import reached
 from harness.common.units import registry
 from harness.models.quantities import Quantity, print_unit, quantity, words
@@ -357,7 +357,7 @@ def read(directory: Path) -> StudyResults:
 def _read(directory: Path) -> StudyResults:
     path = directory / "scores.zarr"
     if not sealed_root.is_there(path) or path.is_file():
-        raise UserError(
+        raise MissingFileError(
             f"{directory}: no finished study here (scores.zarr is missing); "
             f"make one with 'harness run <name> --out {directory}'"
         )

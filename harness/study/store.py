@@ -162,6 +162,8 @@ class Store:
     def _check_same_study(self) -> None:
         try:
             found = dict(stores.group(self.path).attrs)
+        except UserError:
+            raise
         except (FileNotFoundError, ValueError, KeyError) as error:
             raise UserError(f"{self.path} is not a result of this harness; choose another folder with --out") from error
         if wrong := differences(found, self._attributes, self.study):
@@ -203,6 +205,8 @@ def discard(folder: Path) -> str:
     try:
         attributes = dict(stores.group(path).attrs)
         name = str(attributes["study_name"])
+    except UserError:
+        raise
     except (FileNotFoundError, ValueError, KeyError) as error:
         raise UserError(f"{path} is not a result of this harness, so that --restart leaves it alone") from error
     done = 0

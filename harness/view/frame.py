@@ -124,8 +124,9 @@ def read_record(path: Path) -> dict[str, Any]:
     Raises:
         UserError: If it cannot be read.
     """
+    text = read_text(path)
     try:
-        found = json.loads(read_text(path))
+        found = json.loads(text)
     except ValueError as error:
         raise UserError(f"{path}: cannot be read ({type(error).__name__}: {error})") from error
     if not isinstance(found, dict):

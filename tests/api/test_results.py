@@ -31,10 +31,10 @@ def study(car):
 def test_a_study_in_python_is_the_one_of_its_file(study, tmp_path):
     (tmp_path / "loads.toml").write_text(study.toml)
     again = h.read_study(tmp_path / "loads.toml")
-    assert again.record.hash == study.record.hash
+    assert again.spec.hash == study.spec.hash
     assert again.runs == study.runs == (2 * 3 + 1) * 2 * 2
-    assert study.record.estimators[1].settings["alpha"] == 0.9
-    assert study.record.belief.values["yaw_inertia"] == 2500.0
+    assert study.spec.estimators[1].settings["alpha"] == 0.9
+    assert study.spec.belief.values["yaw_inertia"] == 2500.0
     assert "loads" in study._repr_html_()
 
 
@@ -72,16 +72,24 @@ def test_the_table_has_a_row_per_run_estimator_and_target(results):
         ("1.5 t", "slow", 2, "wide", "yaw_rate"),
         ("1.8 t", "sine", 0, "EKF", "lateral_velocity"),
     ):
-        where = {"drive": drive, "estimator": estimator, "target": target, "band_label": band}
+        where = {"drive": drive, "estimator": estimator, "target": target, "band": band}
         row = table.query(
             f"design == 'mass' and band == '{band}' and drive == '{drive}' and repeat == {repeat} "
             f"and estimator == '{estimator}' and target == '{target}'"
         )
         assert row.rmse.item() == rmse.sel(where).isel(repeat=repeat, sample=0).item()
-        assert row.mass.item() == {"1.5 t": 1500.0, "1.8 t": 1800.0}[band]
+        assert row.factor_mass.item() == {"1.5 t": 1500.0, "1.8 t": 1800.0}[band]
     assert set(table.status) == {"ok"}
-    assert (table.attrs["units"]["mass"], table.attrs["units"]["time_of_divergence"]) == ("kg", "s")
-    assert np.isnan(table.mass[table.design == "nominal"]).all()
+    assert (table.attrs["units"]["factor_mass"], table.attrs["units"]["time_of_divergence"]) == ("kg", "s")
+    assert np.isnan(table.factor_mass[table.design == "nominal"]).all()
+
+
+def test_a_column_has_one_name_in_table_and_tree(results):
+    node, table = results["mass"].to_dataset(), results.to_dataframe("mass")
+    assert set(table) - {"design"} <= {*node.variables, *node.dims}
+    assert list(table.band.cat.categories) == node.band.values.tolist() == node.band_label.values.tolist()
+    assert node.rmse.sel(band="1.8 t").values.tolist() == node.rmse[1].values.tolist()
+    assert node.sel(band_label="1.8 t").factor_mass.item() == 1800.0
 
 
 def test_report_units_scale_errors_and_factors(results):
@@ -89,8 +97,8 @@ def test_report_units_scale_errors_and_factors(results):
     turning = (si.target == "yaw_rate").to_numpy()
     np.testing.assert_allclose(shown.rmse[turning], np.rad2deg(si.rmse[turning]))
     np.testing.assert_allclose(shown.nees, si.nees)
-    assert set(shown.unit[turning]) == {"°/s"}
-    assert (shown.attrs["units"]["mass"], shown.mass.max()) == ("t", pytest.approx(1.8))
+    assert set(shown.target_unit[turning]) == {"°/s"}
+    assert (shown.attrs["units"]["factor_mass"], shown.factor_mass.max()) == ("t", pytest.approx(1.8))
 
 
 def test_what_is_selected_is_tabulated(results):

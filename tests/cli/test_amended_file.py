@@ -69,7 +69,7 @@ def test_a_study_takes_it_on_either_side(folder, sides):
     (folder / "amended-study.toml").write_text(STUDY.format(plant=plant, belief=belief))
     study = h.read_study("amended-study.toml")
     effects = {side: () if side == "nominal" else ("steering_lag", "road_bank_measured") for side in sides}
-    assert (study._record.plant.effects, study._record.belief.effects) == tuple(effects[side] for side in sides)
+    assert (study.spec.plant.effects, study.spec.belief.effects) == tuple(effects[side] for side in sides)
     results = study.run("results", jobs=1)
     assert set(results.to_dataframe().status) == {"ok"}
     assert results.to_dataframe().rmse.max() < 0.1

@@ -65,6 +65,10 @@ class Relation:
     order: int = 0
     where: str = ""
 
+    def __reduce__(self) -> tuple[Callable[..., Relation], tuple[object, ...]]:
+        """Pickle it by its place among ``RELATIONS``, whose functions have no names."""
+        return relation_of, (self.signal, self.needs, self.formula)
+
     @property
     def signals(self) -> tuple[str, ...]:
         """All signals that take part."""
@@ -248,3 +252,8 @@ RELATIONS: tuple[Relation, ...] = tuple(
     sorted((*_yaw_rates(), *_speeds(), *_accelerations()), key=lambda relation: not relation.exact)
 )
 """Every relation, the exact ones first; of those with the same signal and formula the first that is recorded counts."""
+
+
+def relation_of(signal: str, needs: tuple[str, ...], formula: str) -> Relation:
+    """Return a relation of ``RELATIONS``."""
+    return next(r for r in RELATIONS if (r.signal, r.needs, r.formula) == (signal, needs, formula))

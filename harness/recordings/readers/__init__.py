@@ -14,7 +14,7 @@ from types import ModuleType
 
 from harness.common.arrays import Floats
 from harness.common.components import place_of
-from harness.common.errors import UserError
+from harness.common.errors import MissingFileError, UserError
 from harness.common.registry import Role
 from harness.recordings.readers._table import NO_MEASUREMENT, Table, Wanted, by_length
 
@@ -83,7 +83,7 @@ def read_tables(path: str | os.PathLike[str], wanted: Wanted | None = None) -> l
         files = ", ".join(sorted(suffix for suffix in suffixes() if suffix != "/"))
         raise UserError(f"{path}: no reader for this suffix; known are {files}")
     if not os.path.exists(path):
-        raise UserError(f"{path}: the recording does not exist; give the path of a file or folder")
+        raise MissingFileError(f"{path}: the recording does not exist; give the path of a file or folder")
     if not (os.path.isfile(path) or os.path.isdir(path)):  # a pipe gives nothing, some devices give without end
         raise UserError(f"{path}: the recording is no file but a pipe or a device; write what it gives to a file")
     try:
