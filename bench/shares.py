@@ -79,9 +79,8 @@ def work(command: str, folder: Path) -> Callable[[], object]:
         study = read_study(Path(f"studies/{command}.toml"))
         return lambda: study.run(folder / "out", 1).report()
     from bench.attribution.run import Case, Tracer, written
-    from harness.diagnosis.report.report import document
+    from harness.diagnosis.report.report import report
     from harness.diagnosis.run import run_trace
-    from harness.reporting.document import write
 
     case = Case(CASE, 0, folder / "case")
     written(case)
@@ -89,7 +88,7 @@ def work(command: str, folder: Path) -> Callable[[], object]:
 
     def trace() -> None:
         found = run_trace(task, folder / "out", console, augmented)
-        write(document(found, ""), folder / "out")
+        report(found, "").write(folder / "out")
 
     return trace
 

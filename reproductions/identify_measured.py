@@ -38,8 +38,7 @@ from harness.identification.innovations import Innovations
 from harness.identification.measured_file import MeasuredFile, MeasuredStudy, names_of
 from harness.identification.result import judge, judged_on, write_outcome
 from harness.recordings.check.axle_curves import GRAVITY, AxleCurve, Slope, axles_of
-from harness.reporting.document import write
-from reproductions.measured_car_report import Identified, document
+from reproductions.measured_car_report import Identified, report
 
 
 class IdentifyFile(MeasuredFile):
@@ -159,7 +158,7 @@ def main(arguments: Sequence[str]) -> None:
     names = ", ".join(j.drive.name for j in found.judged if not j.held_out)
     source = f"{study.path}, method {found.fit.method}, on {names}"
     write_outcome(chosen.out, found.fit, list(found.judged), source)
-    write(document(found, study.raw.title, study.spans(), command), chosen.out)
+    report(found, study.raw.title, study.spans(), command).write(chosen.out)
     print(f"wrote {chosen.out}/report.html")
 
 

@@ -10,14 +10,14 @@ from harness.common.arrays import Floats
 from harness.config import ModelSpec
 from harness.identification.contract import Fit
 from harness.identification.measured_file import SpanTable
-from harness.identification.report import document as fit_document
+from harness.identification.report import report as report_on_fit
 from harness.identification.report import spans_sheet
 from harness.identification.result import Judged
 from harness.models.quantities import quantity
 from harness.recordings.check.axle_curves import AxleCurve
 from harness.recordings.check.check_report import axle_figure
 from harness.reporting import style
-from harness.reporting.document import Block, Document, Heading, Prose, Section, Sheet, plain
+from harness.reporting.document import Block, Heading, Prose, Report, Section, Sheet, plain
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Identified:
     axles_after: tuple[AxleCurve, ...]
 
 
-def document(found: Identified, title: str, spans: Mapping[str, Sequence[SpanTable]], command: str) -> Document:
+def report(found: Identified, title: str, spans: Mapping[str, Sequence[SpanTable]], command: str) -> Report:
     """Return the report.
 
     Args:
@@ -56,7 +56,7 @@ def document(found: Identified, title: str, spans: Mapping[str, Sequence[SpanTab
         Section(lambda: [spans_sheet({"fitted": spans["train"], "held out": spans["test"]})], "Which drives?"),
         Section(lambda: _stiffness(found), "Where does the search begin, and where does it end?"),
     ]
-    return fit_document(found.fit, list(found.judged), command, title, evidence)
+    return report_on_fit(found.fit, list(found.judged), command, title, evidence)
 
 
 def _stiffness(found: Identified) -> list[Block]:

@@ -27,14 +27,13 @@ from harness.common.errors import UserError
 from harness.common.files import write_files
 from harness.reporting.document import (
     Block,
-    Document,
     Heading,
     Listing,
     Picture,
     Prose,
+    Report,
     Sheet,
     plain,
-    write,
 )
 from reproductions import narx_figures
 from reproductions.kept import Parts, state_of
@@ -112,7 +111,7 @@ def best(found: dict[tuple[int, int], Floats], restarts: int, row: int) -> dict[
     }
 
 
-def document(indices, found, plan: Plan, restarts: int, spread: int, command: str) -> tuple[Document, dict[str, bytes]]:
+def report(indices, found, plan: Plan, restarts: int, spread: int, command: str) -> tuple[Report, dict[str, bytes]]:
     """Return the report and its figures by file name."""
     one_step, open_free, tuned = (best(found, restarts, row) for row in range(3))
     first, second = min(one_step, key=one_step.__getitem__), min(tuned, key=tuned.__getitem__)
@@ -176,7 +175,7 @@ def document(indices, found, plan: Plan, restarts: int, spread: int, command: st
         ),
         Listing(command),
     ]
-    return Document("Which NARX network estimates articulation angle and tyre force best?", blocks), pictures
+    return Report("Which NARX network estimates articulation angle and tyre force best?", blocks), pictures
 
 
 def _words(shape: tuple[int, int]) -> str:
@@ -215,8 +214,8 @@ def main(arguments: Sequence[str]) -> None:
     code = state_of(LONG["narx-architecture"].code(), chosen.drives.read_bytes(), chosen.trailer_mass)
     found = search(data, plan, counts, chosen.seed, chosen.jobs, Parts(chosen.out / "architectures"), code)
     command = f"python -m reproductions.narx_architecture {shlex.join(arguments)}"
-    report, pictures = document(found_delays, found, plan, chosen.restarts, spread, command)
-    write(report, chosen.out)
+    made, pictures = report(found_delays, found, plan, chosen.restarts, spread, command)
+    made.write(chosen.out)
     _write(chosen.out, pictures, found, found_delays, command)
     print(f"wrote {chosen.out}/report.html")
 

@@ -22,7 +22,6 @@ from harness.common.arguments import Parser
 from harness.common.errors import UserError
 from harness.common.files import json_text, read_text, renewed, write_files
 from harness.common.stages import showing
-from harness.reporting.document import write
 from reproductions.published import (
     kit,
     lex,
@@ -146,7 +145,7 @@ def main(arguments: Sequence[str]) -> None:
     listed = origins(stored, found)
     made = datetime.now(UTC).date().isoformat()
     write_files(chosen.out, {"reproduction.json": json_text(as_json(found, listed, made))})
-    write(report.document(found, listed), chosen.out)
+    report.report(found, listed).write(chosen.out)
     if before is not None:
         content = page.content(found, listed, made)
         write_files(chosen.page.parent, {chosen.page.name: renewed(before, content, BEGIN, END)})

@@ -27,11 +27,10 @@ from harness.identification.contract import Problem, load_method, settings_of
 from harness.identification.data import Drive
 from harness.identification.innovations import Innovations
 from harness.identification.methods.em import Maximisation, Settings
-from harness.reporting.document import write
 from harness.simulation.drives import profile_of
 from reproductions.simulated_recording import record
 from reproductions.stored import save
-from reproductions.sun_em_report import Outcome, document
+from reproductions.sun_em_report import Outcome, report
 
 FREE = ("stiffness_over_load_front", "stiffness_over_load_rear", "mass_over_inertia", "cog_to_front_axle")
 START = (7.942, 7.386, 0.56, 0.91)
@@ -148,7 +147,7 @@ def main(arguments: Sequence[str]) -> None:
     truth = np.array([car(start=False).values[name] for name in FREE])
     command = f"python -m reproductions.sun_em {shlex.join(arguments)}"
     over = profiles(chosen.seed)
-    write(document(truth, found, over, command), chosen.out)
+    report(truth, found, over, command).write(chosen.out)
     values = {v.replace(", ", "_").replace(" ", "_"): np.array([o.values for o in fs]) for v, fs in found.items()}
     known = {"truth": truth, "parameters": np.array(FREE), "profile_values": over[0], "profile_q": over[1]}
     known["iterations"] = np.array([len(o.path) - 1 for o in found["EM, smoother"]])

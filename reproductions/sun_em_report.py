@@ -12,11 +12,11 @@ from harness.common.arrays import Floats
 from harness.reporting import style
 from harness.reporting.document import (
     Block,
-    Document,
     Heading,
     Listing,
     Picture,
     Prose,
+    Report,
     Sheet,
     plain,
 )
@@ -55,7 +55,7 @@ def errors(outcomes: Sequence[Outcome], truth: Floats) -> Floats:
     return 100 * np.abs(np.array([o.values for o in outcomes]) / truth - 1)
 
 
-def document(truth: Floats, found: Mapping[str, Sequence[Outcome]], q: tuple[Floats, Floats], command: str) -> Document:
+def report(truth: Floats, found: Mapping[str, Sequence[Outcome]], q: tuple[Floats, Floats], command: str) -> Report:
     """Return the report.
 
     Args:
@@ -109,7 +109,7 @@ def document(truth: Floats, found: Mapping[str, Sequence[Outcome]], q: tuple[Flo
         Heading("How it was made"),
         Listing(command),
     ]
-    return Document("Does EM with particles find the parameters of the car of Sun 2015?", blocks)
+    return Report("Does EM with particles find the parameters of the car of Sun 2015?", blocks)
 
 
 def _directions(values: Floats, q: Floats, truth: Floats) -> str:

@@ -34,12 +34,11 @@ from harness.identification.data import Drive
 from harness.identification.methods.swarm import Settings, SwarmResult, optimise
 from harness.identification.simulation_error import Free, Misfit
 from harness.models.contracts import Profile
-from harness.reporting.document import write
 from harness.simulation.drives import profile_of, read_drives
 from reproductions.kept import Parts, state_of
 from reproductions.simulated_recording import Setup, record
 from reproductions.stored import LONG, save
-from reproductions.ziaukas_swarm_report import document
+from reproductions.ziaukas_swarm_report import report
 
 DRIVES = BUNDLED_STUDIES / "drives" / "identification.toml"
 LOADS = {
@@ -216,7 +215,7 @@ def main(arguments: Sequence[str]) -> None:
     code = state_of(LONG["identify-swarm"].code(), chosen.drives.read_bytes(), settings.model_dump())
     found = searched(searches, chosen.seed, Parts(chosen.out / "runs"), code, console)
     command = f"python -m reproductions.ziaukas_swarm {shlex.join(arguments)}"
-    write(document(problem, found, settings, command), chosen.out)
+    report(problem, found, settings, command).write(chosen.out)
     arrays = {}
     for name, some in found.items():
         arrays[f"{_stem(name)}_values"] = np.array([f.values for f in some])

@@ -14,11 +14,11 @@ from harness.models.quantities import quantity, words
 from harness.reporting import style
 from harness.reporting.document import (
     Block,
-    Document,
     Heading,
     Listing,
     Picture,
     Prose,
+    Report,
     Sheet,
     plain,
 )
@@ -37,7 +37,7 @@ _POINTS = 1500
 """Drawn per line."""
 
 
-def document(problem: Setup, found: Mapping[str, Sequence[SwarmResult]], settings: Settings, command: str) -> Document:
+def report(problem: Setup, found: Mapping[str, Sequence[SwarmResult]], settings: Settings, command: str) -> Report:
     """Return the report.
 
     Args:
@@ -90,7 +90,7 @@ def document(problem: Setup, found: Mapping[str, Sequence[SwarmResult]], setting
             )
         )
     blocks += [Heading("How it was made"), Listing(command)]
-    return Document("Which parameters of the semitrailer does a particle swarm find?", blocks)
+    return Report("Which parameters of the semitrailer does a particle swarm find?", blocks)
 
 
 def _spread(free: Sequence[Free], runs: Sequence[SwarmResult]) -> Floats:

@@ -104,9 +104,7 @@ class Check(Shown):
     @property
     def answer(self) -> str:
         """The result in sentences."""
-        from harness.recordings.check.check_report import answer
-
-        return " ".join(answer(self._result))
+        return " ".join(self._result.sentences)
 
     @property
     def notes(self) -> list[str]:

@@ -158,14 +158,13 @@ class Diagnosis(Shown):
             UserError: If the folder cannot be written to, or nothing was fitted yet.
         """
         from harness.common.errors import UserError
-        from harness.diagnosis.report.report import document
+        from harness.diagnosis.report.report import report
         from harness.diagnosis.result.record import write_outcome
-        from harness.reporting.document import write
 
         if self._outcome is None:
             raise UserError("the diagnosis has nothing to report yet; call fit(model, train, test) first")
         outcome = self._outcome
-        written = write(document(outcome, command), Path(folder), failures=outcome.failures)
+        written = report(outcome, command).write(Path(folder), failures=outcome.failures)
         return [*written, *write_outcome(outcome, Path(folder))]
 
     def _facts(self) -> dict[str, Any]:

@@ -179,9 +179,7 @@ class Estimates(Shown):
     @property
     def answer(self) -> str:
         """The result in sentences."""
-        from harness.recorded.report import answer
-
-        return answer(self._found)
+        return self._found.answer
 
     @property
     def notes(self) -> list[str]:
@@ -210,15 +208,14 @@ class Estimates(Shown):
             UserError: If the folder cannot be written to.
         """
         from harness.common.places import inside
-        from harness.recorded.report import document
+        from harness.recorded.report import report
         from harness.recorded.run import inputs_in_words
         from harness.recorded.write import write_estimates, write_numbers
-        from harness.reporting.document import write
 
         folder = Path(folder)
         files = write_estimates(inside(folder, "estimates"), self._found.runs, form)
         numbers = write_numbers(folder, self._found.summaries, self.answer, inputs_in_words(self._found.runs))
-        return [*write(document(self._found, command), folder), numbers, *files]
+        return [*report(self._found, command).write(folder), numbers, *files]
 
     def _facts(self) -> dict[str, Any]:
         recordings, estimators = (dict.fromkeys(k[i] for k in self.runs) for i in (0, 1))

@@ -35,7 +35,7 @@ def realtime(
     from harness.config import load_study
     from harness.realtime.measure import contestants, measure
     from harness.realtime.outcome import judge, write
-    from harness.realtime.report import headline, write_report
+    from harness.realtime.report import answer, report
     from harness.reporting.hooks import first_page
 
     seconds = quantity(duration, "s", "--duration")
@@ -49,7 +49,7 @@ def realtime(
         folder = out if out is not None else RESULTS / f"realtime-{loaded.name}"
         write(outcome, folder)
         show("writing the report")
-        paths = write_report(outcome, folder, first_page("times", outcome, folder))
-    console.print(Text(headline(outcome), style="bold"), soft_wrap=True)
+        paths = report(outcome, first_page("times", outcome, folder)).write(folder)
+    console.print(Text(answer(outcome), style="bold"), soft_wrap=True)
     for path in paths:
         console.print(Text(str(path)), soft_wrap=True)

@@ -51,8 +51,8 @@ def remedy(
     """
     from harness.cli.options import RESULTS, agree_to, command, study_path
     from harness.config import load_study
-    from harness.remedy.answer import headline
-    from harness.remedy.report import write_report
+    from harness.remedy.answer import answer
+    from harness.remedy.report import write_remedy
     from harness.remedy.run import try_remedies
     from harness.remedy.traced import traced_study
 
@@ -64,7 +64,7 @@ def remedy(
     tried = try_remedies(loaded, folder, estimator, equipment, jobs, agree, restart)
     console = Console()
     with showing(Console(stderr=True), "writing the report"):
-        files = write_report(tried, folder, command())
-    console.print(Text(headline(tried), style="bold"), soft_wrap=True)
+        files = write_remedy(tried, folder, command())
+    console.print(Text(answer(tried), style="bold"), soft_wrap=True)
     for path in files:
         console.print(Text(str(path)), soft_wrap=True)

@@ -184,7 +184,6 @@ def _worst_case(
 
     from harness.common.registry import closest
     from harness.config import load_drives, load_study
-    from harness.reporting.document import write
     from harness.study import worst_case, worst_case_report
 
     if out.suffix != ".toml":
@@ -203,7 +202,7 @@ def _worst_case(
         )
         worst_case.write_worst_case(out, training, box, budget, points, found, command())
         show("report")
-        files = write(worst_case_report.document(training, box, found, command()), out.parent, out.stem)
+        files = worst_case_report.report(training, box, found, command()).write(out.parent, out.stem)
     Console().print(Text(worst_case_report.answer(found), style="bold"), soft_wrap=True)
     for path in (out, *files):
         typer.echo(path)
@@ -213,8 +212,7 @@ def _recordings(given: RecordedOptions, by: Literal["state", "unit"], out: Path)
     """Tune on recordings and write the parameter file, its numbers and the report."""
     from harness.api.estimator import believed_on
     from harness.recorded.tuning import tune_noise
-    from harness.recorded.tuning_report import answer, document, write_tuning
-    from harness.reporting.document import write
+    from harness.recorded.tuning_report import report, write_tuning
 
     if out.suffix != ".toml":
         raise UserError(f"--out {out}: name a TOML file, such as tuned.toml")
@@ -226,7 +224,7 @@ def _recordings(given: RecordedOptions, by: Literal["state", "unit"], out: Path)
         found = tune_noise(believed, recordings, by, show)
         show("report")
         files = write_tuning(out, found)
-        files += write(document(found, command()), out.parent, out.stem)
-    Console().print(Text(answer(found), style="bold"), soft_wrap=True)
+        files += report(found, command()).write(out.parent, out.stem)
+    Console().print(Text(found.answer, style="bold"), soft_wrap=True)
     for path in files:
         Console().print(Text(str(path)), soft_wrap=True)

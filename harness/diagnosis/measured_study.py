@@ -14,7 +14,7 @@ from harness.common.places import inside
 from harness.common.stages import showing
 from harness.config import ModelSpec
 from harness.diagnosis.report import parameter_changes
-from harness.diagnosis.report.report import document
+from harness.diagnosis.report.report import report
 from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.result.study_gain import REPEATS
 from harness.diagnosis.run import Task, run_changes, run_trace
@@ -24,7 +24,7 @@ from harness.identification.report import spans_sheet
 from harness.identification.result import judged_on
 from harness.models.quantities import quantity
 from harness.reporting import style
-from harness.reporting.document import Block, Prose, Section, Sheet, plain, write
+from harness.reporting.document import Block, Prose, Section, Sheet, plain
 
 Errors = dict[str, dict[str, dict[str, dict[str, float]]]]
 
@@ -139,8 +139,8 @@ def _write(
         )
         write_files(folder, {"loop.json": json_text(errors)})
         table = Section(lambda: [_errors(errors)] if errors else [], "How large is the error on each held-out drive?")
-        report = document(outcome, f"harness loop {study.path}", title, answer, [table, *evidence])
-        write(report, folder, failures=outcome.failures)
+        made = report(outcome, f"harness loop {study.path}", title, answer, [table, *evidence])
+        made.write(folder, failures=outcome.failures)
 
 
 def held_out(outcome: Outcome, stated: ModelSpec) -> Errors:

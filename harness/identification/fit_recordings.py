@@ -25,10 +25,10 @@ from harness.identification.data import Drive, refuse_the_same, steered, step_of
 from harness.identification.free_run import blocks
 from harness.identification.innovations import Innovations
 from harness.identification.measured_file import finely, fitted_parameters, names_of, refuse_repeated
-from harness.identification.report import document
+from harness.identification.report import report
 from harness.identification.result import FILE, Judged, answer, judge, series_of, write_outcome
 from harness.recordings.check.examine import recording_warnings
-from harness.reporting.document import Prose, plain, write
+from harness.reporting.document import Prose, plain
 
 
 @dataclass(frozen=True)
@@ -138,10 +138,8 @@ def write_fit(found: Fitted, folder: Path, command: str) -> list[Path]:
     return [
         *write_outcome(folder, found.fit, judged, f"harness identify, method {found.fit.method}, on {names}"),
         *write_files(folder, {FILE: series_of(judged, found.problem.innovations.model)}),
-        *write(
-            document(found.fit, judged, command, evidence=not_made or None, notes=found.notes),
-            folder,
-            failures=failures,
+        *report(found.fit, judged, command, evidence=not_made or None, notes=found.notes).write(
+            folder, failures=failures
         ),
     ]
 

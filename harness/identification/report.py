@@ -19,11 +19,11 @@ from harness.reporting import style
 from harness.reporting.document import (
     Block,
     Bullets,
-    Document,
     Drawing,
     Heading,
     Listing,
     Prose,
+    Report,
     Section,
     Sheet,
     plain,
@@ -31,14 +31,14 @@ from harness.reporting.document import (
 )
 
 
-def document(
+def report(
     fit: Fit,
     judged: list[Judged],
     command: str,
     title: str = "",
     evidence: Iterable[Block] | None = None,
     notes: Sequence[str] = (),
-) -> Document:
+) -> Report:
     """Return the report.
 
     Args:
@@ -59,7 +59,7 @@ def document(
         Section(lambda: _certainty(fit), "Which estimates are correlated?"),
         Section(lambda: _made(fit, command), "How was it made?"),
     ]
-    return Document(title or f"What do the recordings say about {words(fit.spec.vehicle)}?", sections)
+    return Report(title or f"What do the recordings say about {words(fit.spec.vehicle)}?", sections)
 
 
 def _answer(fit: Fit, judged: Sequence[Judged], notes: Sequence[str]) -> list[Block]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import xarray as xr
@@ -17,15 +16,14 @@ from harness.reporting import style
 from harness.reporting.document import (
     Block,
     Bullets,
-    Document,
     Heading,
     Listing,
     Picture,
     Prose,
+    Report,
     Section,
     Sheet,
     plain,
-    write,
 )
 from harness.reporting.style import number, percent, with_unit
 
@@ -35,7 +33,7 @@ _OF_THE_CYCLE = 0.1
 """Share of the cycle that an estimator may take and still leave a controller to other tasks, for the wording."""
 
 
-def headline(outcome: xr.Dataset) -> str:
+def answer(outcome: xr.Dataset) -> str:
     """Return the answer in one or two sentences."""
     cycle = outcome.attrs["cycle"]
     quantile = outcome["quantile"].sel(pace=_CYCLE)
@@ -61,26 +59,22 @@ def headline(outcome: xr.Dataset) -> str:
     )
 
 
-def write_report(outcome: xr.Dataset, folder: Path, findings: Sequence[Block] = ()) -> list[Path]:
-    """Write ``report.html`` and ``report.pdf`` into a folder; return them.
+def report(outcome: xr.Dataset, findings: Sequence[Block] = ()) -> Report:
+    """Return the report.
 
     Args:
         outcome: From ``harness.realtime.outcome.judge``.
-        folder: Where to.
         findings: What stands below the answer.
-
-    Raises:
-        UserError: If the folder cannot be written.
     """
     sections = [
-        Section(lambda: [Prose(plain(headline(outcome)) + " " + plain(_ratios_in_words(outcome)))], "Answer"),
+        Section(lambda: [Prose(plain(answer(outcome)) + " " + plain(_ratios_in_words(outcome)))], "Answer"),
         *findings,
         Section(lambda: [figure(outcome)], "How long does a step take, and how often longer?"),
         Section(lambda: _tables(outcome), "How long does a step of each estimator take?"),
         Section(lambda: _said(outcome), "What does this say of a controller?"),
         Section(lambda: _made(outcome), "How was this made?"),
     ]
-    return write(Document("Does each estimator fit into the cycle of a controller?", sections), folder)
+    return Report("Does each estimator fit into the cycle of a controller?", sections)
 
 
 def _said(outcome: xr.Dataset) -> list[Block]:

@@ -18,11 +18,11 @@ from harness.reporting import style
 from harness.reporting.document import (
     Block,
     Bullets,
-    Document,
     Drawing,
     Heading,
     Listing,
     Prose,
+    Report,
     Section,
     Sheet,
     plain,
@@ -49,42 +49,42 @@ class Estimated:
     summaries: Sequence[RunSummary]
     warnings: Sequence[str] = ()
 
+    @property
+    def answer(self) -> str:
+        """Whether model and noise fit, and which estimator is nearest to each reference, in sentences."""
+        return f"{verdicts(self.summaries)}{_best(self)}"
+
     def by_recording(self) -> dict[str, list[xr.Dataset]]:
         """Return the runs by recording."""
-        found: dict[str, list[xr.Dataset]] = {}
+        runs: dict[str, list[xr.Dataset]] = {}
         for run in self.runs:
-            found.setdefault(run.attrs["recording"], []).append(run)
-        return found
+            runs.setdefault(run.attrs["recording"], []).append(run)
+        return runs
 
 
-def document(found: Estimated, command: str) -> Document:
+def report(estimated: Estimated, command: str) -> Report:
     """Return the report.
 
     Args:
-        found: The runs.
+        estimated: The runs.
         command: How it was made, for the last section.
     """
     sections = [
-        Section(lambda: _answer(found), "Which estimator fits these recordings?"),
-        Section(lambda: _comparison(found), "How do the estimators compare?"),
-        Section(lambda: _parameters(found), "What are the unknown parameters?"),
-        Section(lambda: _errors(found), "How large are the errors?"),
-        Section(lambda: _over_time(found), "What is estimated?"),
-        Section(lambda: _innovations(found), "Do the innovations fit what is stated of them?"),
-        Section(lambda: _made(found, command), "How was it made?"),
+        Section(lambda: _answer(estimated), "Which estimator fits these recordings?"),
+        Section(lambda: _comparison(estimated), "How do the estimators compare?"),
+        Section(lambda: _parameters(estimated), "What are the unknown parameters?"),
+        Section(lambda: _errors(estimated), "How large are the errors?"),
+        Section(lambda: _over_time(estimated), "What is estimated?"),
+        Section(lambda: _innovations(estimated), "Do the innovations fit what is stated of them?"),
+        Section(lambda: _made(estimated, command), "How was it made?"),
     ]
-    return Document(f"What do estimators say of {words(found.model)} on these recordings?", sections)
+    return Report(f"What do estimators say of {words(estimated.model)} on these recordings?", sections)
 
 
-def answer(found: Estimated) -> str:
-    """Return whether model and noise fit, and which estimator is nearest to each reference."""
-    return f"{verdicts(found.summaries)}{_best(found)}"
-
-
-def _parameters(found: Estimated) -> list[Block]:
+def _parameters(estimated: Estimated) -> list[Block]:
     """Return what was found of parameters that the estimators do not know; nothing where there are none."""
     rows = []
-    for s in found.summaries:
+    for s in estimated.summaries:
         for name, (value, std) in s.parameters.items():
             q = quantity(name)
             sizes = [style.number(q.scale * v) for v in (value, BAND * std)]
@@ -99,37 +99,37 @@ def _parameters(found: Estimated) -> list[Block]:
     return [Heading("What are the unknown parameters?"), Sheet(header, rows, caption, left=4)]
 
 
-def _best(found: Estimated) -> str:
+def _best(estimated: Estimated) -> str:
     """Say which estimator is nearest to each reference, of those that diverge nowhere: others end where it is hard."""
-    said = []
-    lost = {s.estimator for s in found.summaries if math.isfinite(s.diverged_at)}
-    for name in dict.fromkeys(n for s in found.summaries for n in s.errors):
-        of = {
-            e: _pooled([s.errors[name].rmse for s in found.summaries if s.estimator == e and name in s.errors])
-            for e in dict.fromkeys(s.estimator for s in found.summaries if s.estimator not in lost)
+    phrases = []
+    lost = {s.estimator for s in estimated.summaries if math.isfinite(s.diverged_at)}
+    for name in dict.fromkeys(n for s in estimated.summaries for n in s.errors):
+        errors = {
+            e: _pooled([s.errors[name].rmse for s in estimated.summaries if s.estimator == e and name in s.errors])
+            for e in dict.fromkeys(s.estimator for s in estimated.summaries if s.estimator not in lost)
         }
-        known = {e: v for e, v in of.items() if math.isfinite(v)}
-        if known:
-            q, best = quantity(name), min(known, key=lambda e: known[e])
-            said.append(f"{q.words} {style.with_unit(q.scale * known[best], q.unit)} ({best})")
-    return f" Smallest RMSE against the reference: {', '.join(said[:4])}." if said else ""
+        finite = {e: v for e, v in errors.items() if math.isfinite(v)}
+        if finite:
+            q, best = quantity(name), min(finite, key=lambda e: finite[e])
+            phrases.append(f"{q.words} {style.with_unit(q.scale * finite[best], q.unit)} ({best})")
+    return f" Smallest RMSE against the reference: {', '.join(phrases[:4])}." if phrases else ""
 
 
 def _pooled(values: Sequence[float]) -> float:
     return math.sqrt(sum(v * v for v in values) / len(values)) if values else math.nan
 
 
-def _answer(found: Estimated) -> list[Block]:
+def _answer(estimated: Estimated) -> list[Block]:
     return [
         Heading("Which estimator fits these recordings?"),
-        Prose(strong(answer(found))),
-        Prose(plain(inputs_in_words(found.runs))),
+        Prose(strong(estimated.answer)),
+        Prose(plain(inputs_in_words(estimated.runs))),
     ]
 
 
-def _comparison(found: Estimated) -> list[Block]:
+def _comparison(estimated: Estimated) -> list[Block]:
     rows = []
-    for s in found.summaries:
+    for s in estimated.summaries:
         per = s.log_likelihood / s.updates if s.updates else math.nan
         coloured = [words(n) for n, w in s.whiteness.items() if is_coloured(w)]
         rows.append(
@@ -161,9 +161,9 @@ def _share(value: float) -> str:
     return style.percent(value) if math.isfinite(value) else "–"
 
 
-def _errors(found: Estimated) -> list[Block]:
+def _errors(estimated: Estimated) -> list[Block]:
     rows = []
-    for s in found.summaries:
+    for s in estimated.summaries:
         for name, e in s.errors.items():
             if not math.isfinite(e.rmse):
                 continue
@@ -190,7 +190,7 @@ def _errors(found: Estimated) -> list[Block]:
         "shows."
     )
     blocks: list[Block] = [Heading("How large are the errors?"), Sheet(header, rows, caption, left=4)]
-    for name, runs in found.by_recording().items():
+    for name, runs in estimated.by_recording().items():
         for part in _pages(references_of(runs[0])):
             blocks.append(
                 Drawing(
@@ -202,9 +202,9 @@ def _errors(found: Estimated) -> list[Block]:
     return blocks
 
 
-def _over_time(found: Estimated) -> list[Block]:
+def _over_time(estimated: Estimated) -> list[Block]:
     blocks: list[Block] = [Heading("What is estimated?")]
-    for name, runs in found.by_recording().items():
+    for name, runs in estimated.by_recording().items():
         for part in _pages(signals_of(runs[0])):
             blocks.append(
                 Drawing(
@@ -217,7 +217,7 @@ def _over_time(found: Estimated) -> list[Block]:
     return blocks
 
 
-def _innovations(found: Estimated) -> list[Block]:
+def _innovations(estimated: Estimated) -> list[Block]:
     rows = [
         [
             s.recording,
@@ -226,7 +226,7 @@ def _innovations(found: Estimated) -> list[Block]:
             style.number(w.variance),
             *map(style.probability, (w.ljung_box, w.periodogram)),
         ]
-        for s in found.summaries
+        for s in estimated.summaries
         if math.isfinite(s.nis)
         for n, w in s.whiteness.items()
     ]
@@ -239,7 +239,7 @@ def _innovations(found: Estimated) -> list[Block]:
         "variance 1."
     )
     blocks: list[Block] = [heading, Sheet(header, rows, caption, left=3)]
-    for name, every in found.by_recording().items():
+    for name, every in estimated.by_recording().items():
         runs = [r for r in every if np.isfinite(r["nis"]).any()]
         if not runs:
             continue
@@ -262,16 +262,16 @@ def _innovations(found: Estimated) -> list[Block]:
     return blocks
 
 
-def _made(found: Estimated, command: str) -> list[Block]:
-    first = found.runs[0]
+def _made(estimated: Estimated, command: str) -> list[Block]:
+    first = estimated.runs[0]
     held = (
         "run straight from sample to sample" if first.attrs["inputs"] == "joined" else "stay constant between samples"
     )
-    settings = {r.attrs["estimator"]: r.attrs["settings"] for r in found.runs}
+    settings = {r.attrs["estimator"]: r.attrs["settings"] for r in estimated.runs}
     notes = [
         f"Model {first.attrs['model']} with the parameters {first.attrs['parameters']}; recorded inputs {held}.",
         *(f"{name}: settings {text}." for name, text in settings.items() if text != "none"),
-        *found.warnings,
+        *estimated.warnings,
     ]
     return [Heading("How was it made?"), Bullets([plain(n) for n in notes]), Listing(command, "sh")]
 

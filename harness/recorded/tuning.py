@@ -34,10 +34,11 @@ from harness.identification.fisher_scoring import Maximum, maximise
 from harness.identification.objective import LogPosterior
 from harness.identification.signal_noise import white_noise
 from harness.identification.uncertainty import NORMAL, Summit, estimates_of, limits_of_knowledge
-from harness.models.quantities import words
+from harness.models.quantities import listed, words
 from harness.models.signals import SIGNALS
 from harness.recorded.run import RecordedModel, name_of
-from harness.recorded.summary import Consistency, consistency
+from harness.recorded.summary import Consistency, consistency, is_coloured
+from harness.reporting.style import percent
 
 By = Literal["state", "unit"]
 
@@ -125,6 +126,27 @@ class NoiseTuning:
     after: tuple[Consistency, ...]
     converged: bool
     notes: tuple[str, ...]
+
+    @property
+    def coloured(self) -> list[str]:
+        """The outputs whose innovations are not white with the tuned noise, in words."""
+        return [f"{words(n)} of {c.name}" for c in self.after for n, w in c.outputs.items() if is_coloured(w)]
+
+    @property
+    def answer(self) -> str:
+        """The result in sentences."""
+        held = [v.label for v in self.variances if v.held]
+        text = f"Of {len(self.variances)} variances the recordings determine {len(self.variances) - len(held)}"
+        if held:
+            text += f"; not determined, and left as stated or as near as the recordings allow: {listed(held)}"
+        before, after = (np.mean([c.inside for c in each]) for each in (self.before, self.after))
+        text += f". NIS in its 95 % band: {percent(float(before))} before, {percent(float(after))} after."
+        if self.coloured:
+            text += (
+                f" The innovations of {listed(self.coloured)} stay coloured: the variances make up for what the model "
+                "lacks, and their intervals are too narrow. Try harness trace."
+            )
+        return text
 
 
 def tune_noise(

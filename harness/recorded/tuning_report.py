@@ -6,25 +6,24 @@ import math
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from matplotlib.lines import Line2D
 
 from harness.common.arrays import Floats
 from harness.common.files import json_text, write_files
 from harness.config.parameter_set import set_text
-from harness.models.quantities import listed, quantity, words
+from harness.models.quantities import quantity, words
 from harness.recorded.run import SMOOTHED
-from harness.recorded.summary import Consistency, is_coloured
+from harness.recorded.summary import Consistency
 from harness.recorded.tuning import NoiseTuning, Variance
 from harness.reporting import style
 from harness.reporting.document import (
     Block,
     Bullets,
-    Document,
     Drawing,
     Heading,
     Listing,
     Prose,
+    Report,
     Section,
     Sheet,
     plain,
@@ -32,34 +31,11 @@ from harness.reporting.document import (
 )
 
 
-def answer(found: NoiseTuning) -> str:
-    """Return the result in sentences."""
-    taken = [v for v in found.variances if not v.held]
-    held = [v for v in found.variances if v.held]
-    said = f"Of {len(found.variances)} variances the recordings determine {len(taken)}"
-    if held:
-        of = listed([v.label for v in held])
-        said += f"; not determined, and left as stated or as near as the recordings allow: {of}"
-    before, after = (np.mean([c.inside for c in each]) for each in (found.before, found.after))
-    said += f". NIS in its 95 % band: {style.percent(float(before))} before, {style.percent(float(after))} after."
-    if odd := coloured(found):
-        said += (
-            f" The innovations of {listed(odd)} stay coloured: the variances make up for what the model lacks, and "
-            "their intervals are too narrow. Try harness trace."
-        )
-    return said
-
-
-def coloured(found: NoiseTuning) -> list[str]:
-    """Return the outputs whose innovations are not white with the noise found, in words."""
-    return [f"{words(n)} of {c.name}" for c in found.after for n, w in c.outputs.items() if is_coloured(w)]
-
-
-def parameter_file(found: NoiseTuning) -> str:
+def parameter_file(tuning: NoiseTuning) -> str:
     """Return the text of a parameter file with the noise found, which studies and ``harness estimate`` load."""
-    drives = ", ".join(d.name for d in found.drives)
-    noise = {(f"{v.kind}_noise", name): _comment(v, i) for v in found.variances for i, name in enumerate(v.names)}
-    return set_text(found.spec, f"noise by harness tune --data on {drives}", {}, noise)
+    drives = ", ".join(d.name for d in tuning.drives)
+    noise = {(f"{v.kind}_noise", name): _comment(v, i) for v in tuning.variances for i, name in enumerate(v.names)}
+    return set_text(tuning.spec, f"noise by harness tune --data on {drives}", {}, noise)
 
 
 def _comment(v: Variance, i: int) -> str:
@@ -71,14 +47,14 @@ def _comment(v: Variance, i: int) -> str:
     return f"{unit}; not determined, left as stated"
 
 
-def record(found: NoiseTuning) -> dict[str, Any]:
+def record(tuning: NoiseTuning) -> dict[str, Any]:
     """Return what was found as JSON holds it; SI units."""
     return {
-        "answer": answer(found),
-        "model": found.spec.model().name,
-        "step": found.spec.step,
-        "converged": found.converged,
-        "log_likelihood": {"before": found.log_likelihood[0], "after": found.log_likelihood[1]},
+        "answer": tuning.answer,
+        "model": tuning.spec.model().name,
+        "step": tuning.spec.step,
+        "converged": tuning.converged,
+        "log_likelihood": {"before": tuning.log_likelihood[0], "after": tuning.log_likelihood[1]},
         "variances": [
             {
                 "kind": v.kind,
@@ -93,13 +69,13 @@ def record(found: NoiseTuning) -> dict[str, Any]:
                 "held": v.held,
                 "stated_value_contradicted": v.contradicted,
             }
-            for v in found.variances
+            for v in tuning.variances
         ],
         "recordings": [
             {"name": b.name, "before": _consistency(b), "after": _consistency(a)}
-            for b, a in zip(found.before, found.after, strict=True)
+            for b, a in zip(tuning.before, tuning.after, strict=True)
         ],
-        "notes": list(found.notes),
+        "notes": list(tuning.notes),
         "comment": SMOOTHED,
     }
 
@@ -120,43 +96,43 @@ def _consistency(c: Consistency) -> dict[str, Any]:
     }
 
 
-def write_tuning(path: Path, found: NoiseTuning) -> list[Path]:
+def write_tuning(path: Path, tuning: NoiseTuning) -> list[Path]:
     """Write the parameter file, and beside it ``<name>.json`` with every number; return their paths.
 
     Raises:
         UserError: If they cannot be written.
     """
-    contents = {path.name: parameter_file(found), f"{path.stem}.json": json_text(record(found))}
+    contents = {path.name: parameter_file(tuning), f"{path.stem}.json": json_text(record(tuning))}
     return write_files(path.parent, contents)
 
 
-def document(found: NoiseTuning, command: str) -> Document:
+def report(tuning: NoiseTuning, command: str) -> Report:
     """Return the report.
 
     Args:
-        found: What was found.
+        tuning: What was found.
         command: How it was made, for the last section.
     """
     sections = [
-        Section(lambda: _answer(found), "How noisy are the model and its sensors?"),
-        Section(lambda: _variances(found), "Which variances?"),
-        Section(lambda: _consistencies(found), "Do the innovations fit?"),
-        Section(lambda: _made(found, command), "How was it made?"),
+        Section(lambda: _answer(tuning), "How noisy are the model and its sensors?"),
+        Section(lambda: _variances(tuning), "Which variances?"),
+        Section(lambda: _consistencies(tuning), "Do the innovations fit?"),
+        Section(lambda: _made(tuning, command), "How was it made?"),
     ]
-    return Document(f"How noisy are the model of {words(found.spec.vehicle)} and its sensors?", sections)
+    return Report(f"How noisy are the model of {words(tuning.spec.vehicle)} and its sensors?", sections)
 
 
-def _answer(found: NoiseTuning) -> list[Block]:
+def _answer(tuning: NoiseTuning) -> list[Block]:
     return [
         Heading("How noisy are the model and its sensors?"),
-        Prose(strong(answer(found))),
+        Prose(strong(tuning.answer)),
         Prose(plain(SMOOTHED)),
     ]
 
 
-def _variances(found: NoiseTuning) -> list[Block]:
+def _variances(tuning: NoiseTuning) -> list[Block]:
     rows = []
-    for v in found.variances:
+    for v in tuning.variances:
         for i, name in enumerate(v.names):
             q = quantity(name)
             stated, value, low, high = (q.scale * math.sqrt(x[i]) for x in (v.stated, v.value, v.lower, v.upper))
@@ -169,12 +145,12 @@ def _variances(found: NoiseTuning) -> list[Block]:
         "Standard deviations: roots of the variances. Intervals are those of the profile likelihood with all variances "
         "free; a variance counts as determined where its interval is within a factor of three."
     )
-    remarks = [f"{v.label[:1].upper()}{v.label[1:]}: {v.reason}." for v in found.variances if v.held]
+    remarks = [f"{v.label[:1].upper()}{v.label[1:]}: {v.reason}." for v in tuning.variances if v.held]
     blocks: list[Block] = [
         Heading("Which variances?"),
         Sheet(header, rows, caption, left=3),
         Drawing(
-            lambda: _picture(found),
+            lambda: _picture(tuning),
             "What was found over what was stated, as variances, with 95 % intervals; hollow: not determined, held.",
             "Ratio of each variance to its stated value with its 95 % interval.",
         ),
@@ -182,13 +158,13 @@ def _variances(found: NoiseTuning) -> list[Block]:
     return [*blocks, Bullets([plain(r) for r in remarks])] if remarks else blocks
 
 
-def _picture(found: NoiseTuning) -> bytes:
-    n = len(found.variances)
+def _picture(tuning: NoiseTuning) -> bytes:
+    n = len(tuning.variances)
     with style.drawing():
         fig = style.figure(min(style.TALLEST, 1.1 + 0.26 * n))
         axes = fig.subplots()
         axes.axvline(1.0, color=style.TRUTH, lw=0.8)
-        for i, v in enumerate(found.variances):
+        for i, v in enumerate(tuning.variances):
             ratio = v.value[0] / v.stated[0]
             face = "white" if v.held else "#0072B2"
             if not v.held:
@@ -196,7 +172,7 @@ def _picture(found: NoiseTuning) -> bytes:
             axes.plot([ratio], [i], marker="o", ms=5, mfc=face, mec="#0072B2", ls="")
         axes.set_xscale("log")
         axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
-        axes.set_yticks(range(n), [v.label for v in found.variances])
+        axes.set_yticks(range(n), [v.label for v in tuning.variances])
         axes.invert_yaxis()
         axes.set_xlabel("variance over its stated value")
         axes.grid(True, axis="x")
@@ -208,9 +184,9 @@ def _picture(found: NoiseTuning) -> bytes:
         return style.svg(fig)
 
 
-def _consistencies(found: NoiseTuning) -> list[Block]:
+def _consistencies(tuning: NoiseTuning) -> list[Block]:
     rows, white = [], []
-    for b, a in zip(found.before, found.after, strict=True):
+    for b, a in zip(tuning.before, tuning.after, strict=True):
         shares = [style.number(b.nis), style.number(a.nis), style.percent(b.inside), style.percent(a.inside)]
         rows.append([b.name, str(b.samples), *shares])
         for name in b.outputs:
@@ -236,12 +212,12 @@ def _consistencies(found: NoiseTuning) -> list[Block]:
 _TESTS = ((style.number, "variance"), (style.probability, "ljung_box"), (style.probability, "periodogram"))
 
 
-def _made(found: NoiseTuning, command: str) -> list[Block]:
-    before, after = found.log_likelihood
+def _made(tuning: NoiseTuning, command: str) -> list[Block]:
+    before, after = tuning.log_likelihood
     text = (
         f"Largest likelihood of the innovations of an extended Kalman filter: {style.number(before, 6)} with the "
-        f"stated noise, {style.number(after, 6)} with that found, {'' if found.converged else 'not '}converged. "
-        f"Recorded inputs {'run straight between samples' if found.model.inputs == 'joined' else 'are held'}."
+        f"stated noise, {style.number(after, 6)} with that found, {'' if tuning.converged else 'not '}converged. "
+        f"Recorded inputs {'run straight between samples' if tuning.model.inputs == 'joined' else 'are held'}."
     )
-    notes: list[Block] = [Bullets([plain(n) for n in found.notes])] if found.notes else []
+    notes: list[Block] = [Bullets([plain(n) for n in tuning.notes])] if tuning.notes else []
     return [Heading("How was it made?"), Prose(plain(text)), *notes, Listing(command, "sh")]

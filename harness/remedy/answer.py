@@ -16,7 +16,7 @@ _NOTHING_LEARNT = 0.5
 """Share of its first deviation above which a drive hardly tells a parameter."""
 
 
-def headline(tried: Tried) -> str:
+def answer(tried: Tried) -> str:
     """Return the answer in a sentence or two."""
     return next(_main(tried))
 

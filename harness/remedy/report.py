@@ -16,7 +16,7 @@ from harness.config.parameter_set import UNSURE, set_text
 from harness.models.quantities import listed, quantity, words
 from harness.models.signals import SIGNALS
 from harness.remedy import figures
-from harness.remedy.answer import further, headline, times
+from harness.remedy.answer import answer, further, times
 from harness.remedy.choices import Remedy, prior
 from harness.remedy.choices import parameters as parameters_of
 from harness.remedy.judge import Outcome, nominal_cost
@@ -24,16 +24,15 @@ from harness.remedy.run import Tried
 from harness.reporting.document import (
     Block,
     Bullets,
-    Document,
     Drawing,
     Heading,
     Listing,
     Prose,
+    Report,
     Section,
     Sheet,
     plain,
     strong,
-    write,
 )
 from harness.reporting.style import in_unit, number, percent, with_unit
 
@@ -41,16 +40,12 @@ BELIEF = "belief.toml"
 STUDY = "study.toml"
 
 
-def write_report(tried: Tried, out: Path, command: str) -> list[Path]:
-    """Write the report, the belief to take and its study into a folder; return the files.
+def report(tried: Tried, command: str) -> Report:
+    """Return the report.
 
     Args:
         tried: From ``try_remedies``.
-        out: The folder.
         command: The command that is running, for the record.
-
-    Raises:
-        UserError: If the folder cannot be written to.
     """
     title = f"What helps where the {_drivers(tried)} {'is' if len(tried.drivers) == 1 else 'are'} not as believed?"
     sections = [
@@ -63,8 +58,22 @@ def write_report(tried: Tried, out: Path, command: str) -> list[Path]:
         *([Section(partial(_promise, tried), "What could be known at best?")] if tried.promise else []),
         Section(partial(_made, tried, command), "How was this made?"),
     ]
+    return Report(title, sections)
+
+
+def write_remedy(tried: Tried, out: Path, command: str) -> list[Path]:
+    """Write the report, the belief to take and its study into a folder; return the files.
+
+    Args:
+        tried: From ``try_remedies``.
+        out: The folder.
+        command: The command that is running, for the record.
+
+    Raises:
+        UserError: If the folder cannot be written to.
+    """
     files = {BELIEF: belief_text(tried), STUDY: tried.best.study.text}
-    return [*write(Document(title, sections), out), *write_files(out, files)]
+    return [*report(tried, command).write(out), *write_files(out, files)]
 
 
 def belief_text(tried: Tried) -> str:
@@ -108,7 +117,7 @@ def _drivers(tried: Tried) -> str:
 
 def _answer(tried: Tried) -> list[Block]:
     first = tried.outcomes[0]
-    found: list[Block] = [Heading("Answer"), Prose(strong(headline(tried)))]
+    found: list[Block] = [Heading("Answer"), Prose(strong(answer(tried)))]
     if first.boxes:
         caption = "How far all factors may drift together before a drive exceeds its limit, the remedy to take first"
         more = len(tried.outcomes) - figures.MOST_DRAWN

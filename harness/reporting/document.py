@@ -110,11 +110,33 @@ Block = Heading | Prose | Bullets | Picture | Sheet | Listing | Section | Drawin
 
 
 @dataclass(frozen=True)
-class Document:
-    """A report: its title and its blocks."""
+class Report:
+    """A report on a result.
+
+    Attributes:
+        title: The question that it answers.
+        sections: Its blocks, most of them sections, which are made when it is written.
+    """
 
     title: str
-    blocks: Sequence[Block] = ()
+    sections: Sequence[Block] = ()
+
+    def write(self, directory: Path, stem: str = "report", failures: Failures | None = None) -> list[Path]:
+        """Write the report into a folder as HTML and PDF, each whole or not at all; return them in this order.
+
+        A section or a figure that fails leaves a sentence in the report, a warning on the console, and its traceback
+        in ``errors.txt`` of the folder.
+
+        Args:
+            directory: Where to.
+            stem: Of the names of the files.
+            failures: Takes what cannot be made, where other parts of the same result were tried before.
+
+        Raises:
+            UserError: If the folder cannot be written to.
+        """
+        html, pdf = render(self, Failures(directory) if failures is None else failures)
+        return write_files(directory, {f"{stem}.html": html, f"{stem}.pdf": pdf})
 
 
 def made(blocks: Iterable[Block], failures: Failures = RAISED) -> list[Block]:
@@ -195,15 +217,15 @@ def _block(block: Block) -> str:
     raise TypeError(f"no layout for {type(block).__name__}")
 
 
-def source(document: Document) -> tuple[str, dict[str, bytes]]:
-    """Return the Typst text of a document and the figures it names.
+def source(report: Report) -> tuple[str, dict[str, bytes]]:
+    """Return the Typst text of a report and the figures it names.
 
     A figure has with it the heading that it follows, and the text between the two: they stay on one page.
     """
     files: dict[str, bytes] = {}
-    parts = ['#import "template.typ": *', f"#show: report.with(title: {_string(document.title)})"]
+    parts = ['#import "template.typ": *', f"#show: report.with(title: {_string(report.title)})"]
     head: list[str] = []
-    blocks = made(document.blocks)
+    blocks = made(report.sections)
     for i, block in enumerate(blocks):
         if isinstance(block, Picture):
             number = len(files) + 1
@@ -232,18 +254,18 @@ def _joined(parts: Sequence[str]) -> str:
     return "\n\n".join(parts)
 
 
-def render(document: Document, failures: Failures = RAISED) -> tuple[bytes, bytes]:
-    """Return the document as self-contained HTML and as PDF; the same content always gives the same bytes.
+def render(report: Report, failures: Failures = RAISED) -> tuple[bytes, bytes]:
+    """Return the report as self-contained HTML and as PDF; the same content always gives the same bytes.
 
     Args:
-        document: The report.
+        report: The report.
         failures: Takes what cannot be made or laid out; by default it is raised.
     """
-    whole = Document(document.title, made(document.blocks, failures))
+    whole = Report(report.title, made(report.sections, failures))
     return failures.attempt(
         "the report in one piece",
         lambda: _compiled(whole),
-        lambda _: _compiled(Document(whole.title, [_laid_out(block, whole.title, failures) for block in whole.blocks])),
+        lambda _: _compiled(Report(whole.title, [_laid_out(block, whole.title, failures) for block in whole.sections])),
     )
 
 
@@ -251,7 +273,7 @@ def _laid_out(block: Block, title: str, failures: Failures) -> Block:
     """Return a block that can be laid out, or a sentence in its place."""
 
     def tried() -> Block:
-        _compiled(Document(title, [block]))
+        _compiled(Report(title, [block]))
         return block
 
     return failures.attempt(
@@ -261,8 +283,8 @@ def _laid_out(block: Block, title: str, failures: Failures) -> Block:
     )
 
 
-def _compiled(document: Document) -> tuple[bytes, bytes]:
-    text, files = source(document)
+def _compiled(report: Report) -> tuple[bytes, bytes]:
+    text, files = source(report)
     here = Path(__file__).parent  # of the template and the style sheet
     fonts = Path(mpl.get_data_path()) / "fonts" / "ttf"
     with tempfile.TemporaryDirectory(prefix="report-") as folder:
@@ -285,22 +307,3 @@ def _compiled(document: Document) -> tuple[bytes, bytes]:
     assert isinstance(html, bytes)  # lists of pages are for images only
     assert isinstance(pdf, bytes)
     return screen.page(html.decode("utf-8")), pdf
-
-
-def write(document: Document, directory: Path, stem: str = "report", failures: Failures | None = None) -> list[Path]:
-    """Write a document into a folder as HTML and PDF, each whole or not at all; return them in this order.
-
-    A section or a figure that fails leaves a sentence in the report, a warning on the console, and its traceback in
-    ``errors.txt`` of the folder.
-
-    Args:
-        document: The report.
-        directory: Where to.
-        stem: Of the names of the files.
-        failures: Takes what cannot be made, where other parts of the same result were tried before.
-
-    Raises:
-        UserError: If the folder cannot be written to.
-    """
-    html, pdf = render(document, Failures(directory) if failures is None else failures)
-    return write_files(directory, {f"{stem}.html": html, f"{stem}.pdf": pdf})

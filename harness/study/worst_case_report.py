@@ -14,7 +14,7 @@ from harness.common.arrays import Floats
 from harness.config import NOISE_GROUPS, DesignSpec, Study
 from harness.models.quantities import listed, words
 from harness.reporting import style
-from harness.reporting.document import Block, Bullets, Document, Drawing, Heading, Prose, Section, Sheet, plain, strong
+from harness.reporting.document import Block, Bullets, Drawing, Heading, Prose, Report, Section, Sheet, plain, strong
 from harness.reporting.style import in_unit, number, percent
 from harness.study.worst_case import LOST, TAIL, Candidate, WorstCase
 
@@ -51,7 +51,7 @@ def _times(value: float) -> str:
     return "runs lost" if value >= 1e3 else f"{number(value, 3)}×"
 
 
-def document(study: Study, design: DesignSpec, found: dict[str, WorstCase], command: str) -> Document:
+def report(study: Study, design: DesignSpec, found: dict[str, WorstCase], command: str) -> Report:
     """Return the report.
 
     Args:
@@ -65,7 +65,7 @@ def document(study: Study, design: DesignSpec, found: dict[str, WorstCase], comm
         Section(partial(_front, found), "Nominal error against the worst case"),
         Section(partial(_made, study, design, found, command), "How was this made?"),
     ]
-    return Document(f"{study.title or study.name} Tuned for the worst case", sections)
+    return Report(f"{study.title or study.name} Tuned for the worst case", sections)
 
 
 def _answer(found: dict[str, WorstCase]) -> Iterator[Block]:

@@ -21,7 +21,6 @@ from harness.cli.options import answers_errors
 from harness.common.arguments import Parser
 from harness.common.errors import UserError
 from harness.common.files import json_text, read_text, renewed, write_files
-from harness.reporting.document import write
 from reproductions.box import nearest, report, search
 from reproductions.box.analysis import exclusions, most_findings, survivals
 from reproductions.box.data import as_json
@@ -84,7 +83,7 @@ def main(arguments: Sequence[str]) -> None:
         nearest.tell(chosen_point.number, chosen_point.at, chosen.jobs),
         f"python -m reproductions.box {shlex.join(arguments)}",
     )
-    write(report.document(found), chosen.out)
+    report.report(found).write(chosen.out)
     data = as_json(found, folder.code)
     write_files(chosen.out, {"box.json": json_text(data), **nearest.as_toml(found.nearest_told.at, found.command)})
     if chosen.page is not None:

@@ -21,7 +21,7 @@ from harness.cli.options import answers_errors
 from harness.common.arguments import Parser
 from harness.common.files import read_text, renewed, toml_text, write_files
 from harness.models.quantities import listed
-from harness.reporting.document import Block, Document, Drawing, Heading, Listing, Prose, Section, Sheet, plain, write
+from harness.reporting.document import Block, Drawing, Heading, Listing, Prose, Report, Section, Sheet, plain
 from harness.reporting.style import number
 from reproductions.box import figures, studies
 from reproductions.box.evidence import IN_BOX, PUBLISHED, Told, told
@@ -185,7 +185,7 @@ def main(arguments: Sequence[str]) -> None:
     )
     title = "What do the studies of chapter 5 say at the point nearest to them?"
     made: list[Block] = [Section(lambda: blocks(found), title), Listing(command)]
-    write(Document(title, made), chosen.out)
+    Report(title, made).write(chosen.out)
     write_files(chosen.out, as_toml(found.at, command))
     if page is not None:
         write_files(chosen.page.parent, {chosen.page.name: renewed(page, markdown(found, command), BEGIN, END)})

@@ -11,11 +11,11 @@ from harness.models.quantities import listed
 from harness.reporting.document import (
     Block,
     Bullets,
-    Document,
     Drawing,
     Heading,
     Listing,
     Prose,
+    Report,
     Section,
     Sheet,
     plain,
@@ -64,9 +64,9 @@ class Found:
     command: str
 
 
-def document(found: Found) -> Document:
+def report(found: Found) -> Report:
     """Return the report."""
-    return Document(
+    return Report(
         "Which findings of the dissertation survive what it does not publish?",
         [
             Section(lambda: _answer(found), "Answer"),

@@ -13,7 +13,7 @@ import numpy as np
 from harness.common.files import write_files
 from harness.models.quantities import words
 from harness.realtime import report as realtime
-from harness.reporting.document import Block, Document, Heading, Linked, Prose, Section, Sheet, plain, write
+from harness.reporting.document import Block, Heading, Linked, Prose, Report, Section, Sheet, plain
 from harness.reporting.style import number
 from harness.study.report.sections import boxes, drives
 from reproductions.campaign import box, on_study
@@ -60,7 +60,7 @@ def write_campaign(results: Path, out: Path) -> list[Path]:
     ]
     title = "Which estimator can be trusted, within which envelope, and what drives its error?"
     record = json.dumps({"title": title, "findings": _recorded(found)}, indent=1) + "\n"
-    return [*write(Document(title, sections), Path(out)), *write_files(Path(out), {RECORD: record})]
+    return [*Report(title, sections).write(Path(out)), *write_files(Path(out), {RECORD: record})]
 
 
 def _recorded(found: Sequence[Finding]) -> list[dict[str, Any]]:

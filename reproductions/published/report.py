@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 
-from harness.reporting.document import Block, Document, Drawing, Heading, Prose, Section, Sheet, plain
+from harness.reporting.document import Block, Drawing, Heading, Prose, Report, Section, Sheet, plain
 from reproductions.published import figures, wording
 from reproductions.published.results import Origin
 from reproductions.published.wording import Chapter
 
 
-def document(chapters: Sequence[Chapter], origins: Sequence[Origin]) -> Document:
+def report(chapters: Sequence[Chapter], origins: Sequence[Origin]) -> Report:
     """Return the report."""
     rows = [row for chapter in chapters for row in chapter.rows]
     blocks: list[Block] = [
@@ -38,7 +38,7 @@ def document(chapters: Sequence[Chapter], origins: Sequence[Origin]) -> Document
         ),
     ]
     blocks += [Section(partial(_chapter, chapter), chapter.title) for chapter in chapters]
-    return Document("Which published numbers are reproduced?", blocks)
+    return Report("Which published numbers are reproduced?", blocks)
 
 
 def _chapter(chapter: Chapter) -> list[Block]:

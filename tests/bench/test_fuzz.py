@@ -15,7 +15,7 @@ from bench.fuzz import watch as watching
 from bench.fuzz.mutate import TEXTS
 from bench.fuzz.watch import Watch
 from harness.common.errors import UserError
-from harness.reporting.document import Document, Heading, Listing, Prose, Sheet, plain, render
+from harness.reporting.document import Heading, Listing, Prose, Report, Sheet, plain, render
 from support.report_parts import Page
 
 ROOT = Path(__file__).parents[2]
@@ -82,7 +82,7 @@ def test_names_are_escaped_in_html_and_typst():
     blocks = [Heading("all"), *(Prose(plain(text)) for text in TEXTS)]
     blocks += [Sheet(list(TEXTS[:3]), [list(TEXTS[k : k + 3]) for k in range(0, len(TEXTS) - 3, 3)], TEXTS[40])]
     blocks += [Listing("\n".join(TEXTS))]
-    html, pdf = render(Document('<script>alert(1)</script> #read("/etc/passwd")', blocks))
+    html, pdf = render(Report('<script>alert(1)</script> #read("/etc/passwd")', blocks))
     page = html.decode("utf-8")
     assert page.lower().count("<script") == 1  # the page's own, which its policy names by its digest
     assert "alert(1)" not in page[page.index("<script>") :]

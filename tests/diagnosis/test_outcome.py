@@ -16,7 +16,7 @@ from harness.diagnosis.criteria import HORIZONS, PRIORS
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.report import probabilities, residual_sections
 from harness.diagnosis.report.probabilities import likely
-from harness.diagnosis.report.report import document
+from harness.diagnosis.report.report import report
 from harness.diagnosis.report.residual_figures import correlations, picture
 from harness.diagnosis.report.summary import _rounds
 from harness.diagnosis.residuals.dependence import Regressor
@@ -37,7 +37,6 @@ from harness.identification.whiteness import whiteness
 from harness.models.assembly.plan import Planner
 from harness.models.quantities import words
 from harness.models.roles import VEHICLES
-from harness.reporting.document import write
 from support.driven_car import FREE, driven, fitted
 from support.report_parts import Page
 
@@ -70,7 +69,7 @@ def reported(outcome, folder):
     """Return text of the report of a trace that was judged, and its record, both written."""
     write_outcome(outcome, folder)
     record = json.loads((folder / "trace.json").read_text())
-    files = write(document(outcome, "harness trace"), folder, failures=outcome.failures)
+    files = report(outcome, "harness trace").write(folder, failures=outcome.failures)
     assert files[1].stat().st_size > 10_000
     return Page(files[0].read_text(encoding="utf-8")).text, record
 

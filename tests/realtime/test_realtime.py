@@ -19,7 +19,7 @@ from harness.engine.simd.random import generator_words
 from harness.estimation.contract import Estimator
 from harness.realtime.measure import Contestant, contestants, measure
 from harness.realtime.outcome import PACES, QUANTILES, _ratios, judge, published_ratio, read, write
-from harness.realtime.report import headline, write_report
+from harness.realtime.report import answer, report
 from harness.simulation.simulate import in_lanes
 from harness.testing.linear_filter import compiled_linear
 
@@ -185,8 +185,8 @@ def test_the_report_answers_with_its_numbers(outcome, slowdown, spike, words, tm
     times["interrupted"][0, 7] = True
     study = _with_estimators(three)
     found = judge(times, study, "step")
-    assert words in headline(found)
-    html = write_report(found, tmp_path)[0].read_text()
+    assert words in answer(found)
+    html = report(found).write(tmp_path)[0].read_text()
     assert "UKF takes 2.00 (2.00 to 2.00) times as long as EKF without a pause" in html
     assert "where the dissertation has 3.40" in html
     assert "net takes 0.50" in html

@@ -12,7 +12,7 @@ from harness.config import resolve_single
 from harness.recorded.run import RecordedEstimator, RecordedModel
 from harness.recorded.summary import summary
 from harness.recorded.tuning import tune_noise
-from harness.recorded.tuning_report import answer, document, write_tuning
+from harness.recorded.tuning_report import report, write_tuning
 from harness.reporting.document import Sheet, made
 from support.identification import CAR, model_of, recorded
 
@@ -76,7 +76,7 @@ def test_what_the_recordings_do_not_show_stays_as_stated(drive):
         assert not v.contradicted
         assert v.value[0] == pytest.approx(v.stated[0], rel=1e-12)
         assert answered.spec.process_noise[v.names[0]] == pytest.approx(v.stated[0], rel=1e-12)
-    assert "not determined, and left as stated" in answer(answered)
+    assert "not determined, and left as stated" in answered.answer
 
 
 def test_a_stated_value_that_the_recordings_contradict_gives_way(drive):
@@ -121,7 +121,7 @@ def test_the_file_is_a_parameter_file_for_studies_and_estimate(found, drive, tmp
 
 
 def test_the_report_shows_every_variance(found):
-    blocks = made(document(found, "harness tune").blocks)
+    blocks = made(report(found, "harness tune").sections)
     sheet = next(b for b in blocks if isinstance(b, Sheet))
     assert len(sheet.rows) == 6
     assert {row[6] for row in sheet.rows} == {"found"}

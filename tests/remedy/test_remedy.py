@@ -12,11 +12,11 @@ from harness.common.errors import UserError
 from harness.config import build_study
 from harness.engine.simd.lanes import LANES
 from harness.remedy import choices
-from harness.remedy.answer import _poor_drives, headline
+from harness.remedy.answer import _poor_drives, answer
 from harness.remedy.choices import AS_IT_IS, Equipment, Remedy
 from harness.remedy.judge import Outcome, best, harm, helps, judged
 from harness.remedy.promise import Promise, promises
-from harness.remedy.report import belief_text, believed, write_report
+from harness.remedy.report import belief_text, believed, write_remedy
 from harness.remedy.run import _more_estimated, try_remedies
 from harness.study.bound import smallest_rmse
 from harness.study.design import Unit
@@ -297,7 +297,7 @@ def test_finding_the_mass_with_the_steering_measured_is_found_to_help(tried):
     remedy = found.best.remedy
     assert ("trailer_mass",) in (remedy.estimated, remedy.banked)
     assert "steering_wheel_angle" in remedy.added
-    assert remedy.words in headline(found)
+    assert remedy.words in answer(found)
     assert found.known.medians.max() <= found.best.medians.max() < found.outcomes[0].medians.max()
 
 
@@ -319,7 +319,7 @@ def test_the_same_in_another_folder_gives_the_same_files(tried, tmp_path):
     other = tmp_path / "a folder of another name"
     again = try_remedies(study(), other, most=1, jobs=1)
     for one, out in ((found, folder), (again, other)):
-        write_report(one, out, "harness remedy small")
+        write_remedy(one, out, "harness remedy small")
     files = [
         {str(p.relative_to(out)): p.read_bytes() for p in out.rglob("*") if p.is_file()} for out in (folder, other)
     ]
@@ -331,7 +331,7 @@ def test_the_same_in_another_folder_gives_the_same_files(tried, tmp_path):
 def test_the_belief_that_is_written_is_that_of_the_remedy(tried):
     found, folder = tried
     assert [o for o in found.outcomes if o.remedy.banked]
-    names = [p.name for p in write_report(found, folder, "harness remedy small")]
+    names = [p.name for p in write_remedy(found, folder, "harness remedy small")]
     assert names == ["report.html", "report.pdf", "belief.toml", "study.toml"]
     assert not (folder / "errors.txt").exists()
     plant = CONTENT["plant"] | {"sensors": found.best.study.plant.sensors}

@@ -8,15 +8,14 @@ from harness.common.failures import FILE, RAISED, Failures
 from harness.reporting import style
 from harness.reporting.document import (
     Bullets,
-    Document,
     Drawing,
     Heading,
     Picture,
     Prose,
+    Report,
     Section,
     plain,
     source,
-    write,
 )
 from harness.study.report import analyse, write_report
 from support.report_parts import Page
@@ -40,7 +39,7 @@ def test_a_section_and_a_figure_that_fail_leave_their_sentences(tmp_path, capsys
         Section(lambda: [Heading("Figures"), Drawing(broken, "caption", "Gain over time."), Prose(plain("End."))], "F"),
         Drawing(lambda: PLAIN, "caption", "Another one."),
     ]
-    files = write(Document("What?", sections), tmp_path)
+    files = Report("What?", sections).write(tmp_path)
     assert [f.name for f in files] == ["report.html", "report.pdf"]
     shown, kept = text_of(files[0]), (tmp_path / FILE).read_text()
     why = f"ZeroDivisionError: no effect is left; the traceback is in {tmp_path / FILE}."
@@ -58,7 +57,7 @@ def test_a_section_and_a_figure_that_fail_leave_their_sentences(tmp_path, capsys
 @pytest.mark.fails_in_part
 def test_what_cannot_be_laid_out_leaves_a_sentence(tmp_path):
     blocks = [Prose(plain("Before.")), Picture(b"<svg", "caption", "alt"), Prose("#nothing()"), Prose(plain("After."))]
-    shown = text_of(write(Document("What?", blocks), tmp_path)[0])
+    shown = text_of(Report("What?", blocks).write(tmp_path)[0])
     assert shown.count("This part of the report could not be laid out: TypstError") == 2
     assert "Before." in shown
     assert "After." in shown
@@ -68,7 +67,7 @@ def test_without_a_folder_what_fails_is_raised():
     with pytest.raises(ZeroDivisionError):
         RAISED.attempt("a part", broken, lambda why: None)
     with pytest.raises(ZeroDivisionError):
-        source(Document("What?", [Section(broken, "Section")]))
+        source(Report("What?", [Section(broken, "Section")]))
 
 
 @pytest.mark.parametrize("error", [MemoryError, KeyboardInterrupt])
@@ -125,4 +124,4 @@ def test_names_with_odd_characters_are_drawn_and_set_as_they_are(tmp_path):
         picture = style.svg(fig)
     assert picture.startswith(b"<?xml")
     blocks = [Heading(name), Bullets([plain(name)]), Picture(picture, name, name)]
-    assert text_of(write(Document(name, blocks), tmp_path)[0]).count("drive_$x_{$\ufffd\ufffd<&>#“\ufffd") >= 4
+    assert text_of(Report(name, blocks).write(tmp_path)[0]).count("drive_$x_{$\ufffd\ufffd<&>#“\ufffd") >= 4

@@ -9,7 +9,7 @@ import pytest
 import typst
 
 import harness.reporting
-from harness.reporting.document import Bullets, Document, Heading, Picture, Prose, Sheet, plain, render, source
+from harness.reporting.document import Bullets, Heading, Picture, Prose, Report, Sheet, plain, render, source
 from harness.reporting.pages import EMPTY, EMPTY_BEFORE_TEXT, SMALLEST, Placed, Room, decided, lay_out
 
 WIDTH = 496.0  # points between the margins
@@ -33,7 +33,7 @@ def table(rows):
 
 def asked(folder, blocks, *questions):
     """Return the compiler of a document, laid out, and what it answers to queries of its own."""
-    written, files = source(Document("Title", blocks))
+    written, files = source(Report("Title", blocks))
     template = Path(harness.reporting.__file__).parent / "template.typ"
     (folder / "template.typ").write_text(template.read_text(encoding="utf-8"), encoding="utf-8")
     where = "\n".join(f"#context [#metadata({q})<q{k}>]" for k, q in enumerate(questions))
@@ -157,7 +157,7 @@ def test_no_figure_waits_for_another_one_that_floats():
 
 
 def test_a_report_with_bullets_before_its_figure_is_whole_in_both_forms():
-    html, pdf = render(Document("Title", [Heading("It"), Bullets(["*one*", "two"]), picture(0.3), text(1)]))
+    html, pdf = render(Report("Title", [Heading("It"), Bullets(["*one*", "two"]), picture(0.3), text(1)]))
     assert html.count(b"<figure") == 1
     assert b"<strong>one</strong>" in html
     assert html.index(b"<strong>one</strong>") < html.index(b"<figure")

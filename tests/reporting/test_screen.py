@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from harness.reporting import style
-from harness.reporting.document import Document, Picture, Sheet, render
+from harness.reporting.document import Picture, Report, Sheet, render
 
 NASTY = "\"><script>alert(1)</script>&'{x}"
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -33,7 +33,7 @@ def page() -> str:
     rows = [["b", "10.0 to 12.0"], ["", "second row of b"], ["a", "9.50"], ["c", "–"], ["d", "4.5·10³"], ["e", "−3.0"]]
     rows += [[f"more {k}", f"{100 + k}"] for k in range(6)]
     sheet = Sheet(["name", "value in kN"], rows, "A table.", left=1)
-    return render(Document("Title", [_picture(["EKF", NASTY]), _picture(["EKF", "UKF"]), sheet]))[0].decode()
+    return render(Report("Title", [_picture(["EKF", NASTY]), _picture(["EKF", "UKF"]), sheet]))[0].decode()
 
 
 def test_figures_are_part_of_the_page_and_say_their_numbers(page):
@@ -96,7 +96,7 @@ def _errors(values: dict[str, float], scale: str) -> str:
         axes.set_ylim(min(values.values()) / 2 if scale == "log" else 0.0, 1.1 * max(values.values()))
         style.rescalable(axes)
         picture = Picture(style.svg(fig), "Errors.", "Errors")
-    return render(Document("Title", [picture]))[0].decode()
+    return render(Report("Title", [picture]))[0].decode()
 
 
 _SEEN = """

@@ -13,7 +13,7 @@ import pytest
 from harness.common.errors import UserError
 from harness.reporting import style
 from harness.reporting.document import render, source
-from harness.study.report import analyse, document, write_report
+from harness.study.report import analyse, report, write_report
 from harness.study.report.opening import sentences
 from support import synthetic
 from support.report_parts import ANGLE, Page, everything, everything_at_8_t, pages
@@ -110,14 +110,14 @@ def test_the_same_store_gives_the_same_bytes(small):
 )
 def test_any_study_gets_a_report(one_design, options):
     analysis = one_design(**options)
-    report = document(analysis)
-    text, files = source(report)
+    made = report(analysis)
+    text, files = source(made)
     assert "nan" not in re.findall(r"[a-z]+", text)
     assert all(sentence in text for part in sentences(analysis) for sentence in part)
     assert all(svg.startswith(b"<?xml") for svg in files.values())
     assert ("Which estimator is better" in text) == (len(analysis.main.design.estimators) > 1)
     if len(analysis.main.design.estimators) > 3:  # tables that go on over pages
-        assert pages(render(report)[1]) >= 5
+        assert pages(render(made)[1]) >= 5
 
 
 def test_errors_name_the_folder(tmp_path):

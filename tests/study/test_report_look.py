@@ -14,11 +14,11 @@ from harness.models.quantities import Quantity, print_unit, quantity
 from harness.reporting import style
 from harness.reporting.document import (
     Bullets,
-    Document,
     Heading,
     Listing,
     Picture,
     Prose,
+    Report,
     Sheet,
     plain,
     render,
@@ -109,10 +109,10 @@ def test_any_text_survives_typst():
     picture = Picture(b'<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9"/>', nasty, nasty)
     sheet = Sheet(["name", "n"], [[nasty, "1"], ["", nasty]], nasty)
     blocks = [Heading(nasty), Prose(plain(nasty)), Bullets([plain(nasty)]), picture, sheet, Listing(nasty)]
-    html, pdf = render(Document(nasty, blocks))
+    html, pdf = render(Report(nasty, blocks))
     assert Page(html.decode()).text.count(nasty) == 10  # title twice, each block once, the table 3 times
     assert pages(pdf) == 1
-    assert set(source(Document(nasty, blocks))[1]) == {"figure-01.svg"}
+    assert set(source(Report(nasty, blocks))[1]) == {"figure-01.svg"}
 
 
 def test_symbols_on_axes_are_set_as_formulas(one_design, monkeypatch):

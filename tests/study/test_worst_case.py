@@ -107,8 +107,8 @@ def test_a_study_that_takes_the_file_has_the_smaller_worst_case(study, found, tm
 
 
 def test_the_report_draws_the_front_and_states_both_errors(study, found):
-    document = worst_case_report.document(study, study.design("noise"), found, "harness tune worst")
-    blocks = made(document.blocks)
+    report = worst_case_report.report(study, study.design("noise"), found, "harness tune worst")
+    blocks = made(report.sections)
     assert "EKF: worst case" in worst_case_report.answer(found)
     assert [b for b in blocks if isinstance(b, Picture)]
     first = next(b for b in blocks if isinstance(b, Sheet))

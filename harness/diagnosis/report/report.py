@@ -19,11 +19,11 @@ from harness.models.quantities import quantity, words
 from harness.reporting import style
 from harness.reporting.document import (
     Block,
-    Document,
     Drawing,
     Heading,
     Listing,
     Prose,
+    Report,
     Section,
     Sheet,
     plain,
@@ -34,9 +34,7 @@ _ON_FIRST_PAGE = 4.0
 """Inches of the held-out drive on the first page, which has the vehicle too."""
 
 
-def document(
-    outcome: Outcome, command: str, title: str = "", answer: str = "", evidence: Iterable[Block] = ()
-) -> Document:
+def report(outcome: Outcome, command: str, title: str = "", answer: str = "", evidence: Iterable[Block] = ()) -> Report:
     """Return the report.
 
     Args:
@@ -66,7 +64,7 @@ def document(
         Section(lambda: _made(outcome, command), "How was it made?"),
     ]
     vehicle = words(outcome.trace.fitting.augmented.spec.vehicle)
-    return Document(title or f"What does the model of the {vehicle} lack?", blocks)
+    return Report(title or f"What does the model of the {vehicle} lack?", blocks)
 
 
 def _errors(outcome: Outcome) -> list[Block]:

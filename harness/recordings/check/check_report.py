@@ -27,22 +27,21 @@ from harness.models.signals import TRUTH
 from harness.recordings.check import remedy
 from harness.recordings.check.axle_curves import AxleCurve
 from harness.recordings.check.run import CheckResult
-from harness.recordings.motion.consistency import DISAGREES, in_report_unit, verdicts
+from harness.recordings.motion.consistency import DISAGREES, in_report_unit
 from harness.recordings.motion.pair_fit import Agreement
 from harness.recordings.read.span import named
 from harness.reporting import style
 from harness.reporting.document import (
     Block,
     Bullets,
-    Document,
     Heading,
     Listing,
     Picture,
     Prose,
+    Report,
     Section,
     Sheet,
     plain,
-    write,
 )
 from harness.reporting.style import number
 
@@ -244,20 +243,6 @@ def agreement_rows(fits: tuple[Agreement, ...]) -> list[list[str]]:
     return rows
 
 
-def answer(result: CheckResult) -> list[str]:
-    """Return the answer in sentences: what was compared, what is wrong, and what the mended map comes to."""
-    said = [f"{result.summary}."]
-    if result.remedy is not None:
-        after = result.remedy.fits
-        wrong = sum(f.verdict == DISAGREES for f in after)
-        before = any(f.verdict == DISAGREES for f in result.fits)
-        rest = "nothing disagrees any more" if before else "nothing disagrees either"
-        if wrong:
-            rest = f"{wrong} {'still ' if before else ''}do{'es' if wrong == 1 else ''} not agree"
-        said.append(f"With the lines below {rest}: {verdicts(after)}.")
-    return said
-
-
 def print_findings(result: CheckResult, console: Console) -> None:
     """Print what the recording holds, how its signals agree, what is wrong, and the lines that mend the map."""
     console.print(Text(_read(result.recording), style="bold"))
@@ -271,7 +256,7 @@ def print_findings(result: CheckResult, console: Console) -> None:
             console.print()
     for axle in result.axles:
         console.print(Text(_axle_sentence(axle)), soft_wrap=True)
-    first, *rest = answer(result)
+    first, *rest = result.sentences
     agreed = not result.findings and bool(result.fits)
     console.print(Text(first, style="green" if agreed else "yellow"), soft_wrap=True)
     for warning in result.warnings:
@@ -292,6 +277,17 @@ def _axle_sentence(axle: AxleCurve) -> str:
     )
 
 
+def report(result: CheckResult) -> Report:
+    """Return the report."""
+    sections = [
+        Section(lambda: _finding_blocks(result), "What was found?"),
+        Section(lambda: _comparison_blocks(result), "Do the signals agree?"),
+        Section(lambda: _axle_blocks(result), "What do the axles do?"),
+        Section(lambda: _content_blocks(result), "What the file holds"),
+    ]
+    return Report(f"Check of {Path(named(result.recording)).name}", sections)
+
+
 def write_check(result: CheckResult, out: Path) -> list[Path]:
     """Write ``check.html``, ``check.pdf``, ``check.json`` and ``signals.npz``, and the mended map where there is one.
 
@@ -301,13 +297,7 @@ def write_check(result: CheckResult, out: Path) -> list[Path]:
     Raises:
         UserError: If the folder cannot be written.
     """
-    sections = [
-        Section(lambda: _finding_blocks(result), "What was found?"),
-        Section(lambda: _comparison_blocks(result), "Do the signals agree?"),
-        Section(lambda: _axle_blocks(result), "What do the axles do?"),
-        Section(lambda: _content_blocks(result), "What the file holds"),
-    ]
-    written = write(Document(f"Check of {Path(named(result.recording)).name}", sections), out, "check")
+    written = report(result).write(out, "check")
     written += write_files(out, {RECORD: json_text(_record(result)), SIGNALS_FILE: _over_time(result)})
     if result.remedy is not None:
         written += write_files(out, {MAP: remedy.map_text(result.remedy.content)})
@@ -320,7 +310,7 @@ def _record(result: CheckResult) -> dict[str, Any]:
     return {
         "title": Path(named(result.recording)).name,
         "read": _overview(result.recording),
-        "answer": [str(line) for line in answer(result)],
+        "answer": result.sentences,
         "warnings": [str(w) for w in attrs["warnings"]],
         "findings": [
             {"kind": f.kind, "signals": list(f.signals), "words": f.words, "evidence": f.evidence, "mends": f.mends}
@@ -363,7 +353,7 @@ def _over_time(result: CheckResult) -> bytes:
 
 def _finding_blocks(result: CheckResult) -> list[Block]:
     attrs, warnings = result.recording.attrs, result.warnings
-    first, *rest = answer(result)
+    first, *rest = result.sentences
     read = plain(f"{_read(result.recording)}. {attrs['source']}")
     blocks: list[Block] = [Prose(read), Prose(plain(first))]
     if warnings:

@@ -91,6 +91,20 @@ class CheckResult:
         return verdicts(self.fits)
 
     @property
+    def sentences(self) -> list[str]:
+        """The answer: what was compared, and what the mended map comes to."""
+        sentences = [f"{self.summary}."]
+        if self.remedy is not None:
+            after = self.remedy.fits
+            wrong = sum(f.verdict == DISAGREES for f in after)
+            before = any(f.verdict == DISAGREES for f in self.fits)
+            rest = "nothing disagrees any more" if before else "nothing disagrees either"
+            if wrong:
+                rest = f"{wrong} {'still ' if before else ''}do{'es' if wrong == 1 else ''} not agree"
+            sentences.append(f"With the lines below {rest}: {verdicts(after)}.")
+        return sentences
+
+    @property
     def warnings(self) -> list[str]:
         """All irregularities, with the evidence."""
         return [*self.recording.attrs["warnings"], *(str(f) for f in self.findings)]

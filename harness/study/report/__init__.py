@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 
 from harness.common.places import place
-from harness.reporting.document import Block, Document, Section, write
+from harness.reporting.document import Block, Report, Section
 from harness.study.report.analysis import Analysis
 from harness.study.report.opening import answer_in_short
 from harness.study.report.sections import (
@@ -51,13 +51,13 @@ _SECTIONS = {
 """The sections of a report behind the answer, in their order, each with the title that it has if it cannot be made."""
 
 
-def document(analysis: Analysis, opening: Sequence[Block] = ()) -> Document:
+def report(analysis: Analysis, opening: Sequence[Block] = ()) -> Report:
     """Return the report of a study, with blocks that follow the sentence that it opens with."""
     attributes = analysis.store.attributes
     question = str(attributes.get("title") or attributes.get("study_name") or analysis.store.directory.name)
     sections = [Section(partial(answer.blocks, analysis, opening), "Answer")]
     sections += [Section(partial(blocks, analysis), title) for title, blocks in _SECTIONS.items()]
-    return Document(question, sections)
+    return Report(question, sections)
 
 
 def analyse(directory: Path) -> Analysis:
@@ -90,4 +90,4 @@ def write_report(analysis: Analysis, opening: Sequence[Block] = ()) -> list[Path
     Raises:
         UserError: If the folder cannot be written to.
     """
-    return write(document(analysis, opening), analysis.store.directory)
+    return report(analysis, opening).write(analysis.store.directory)
