@@ -51,23 +51,23 @@ def known_ranges(recordings: Sequence[xr.Dataset]) -> Ranges:
     Args:
         recordings: Of one vehicle with the same sensors; those without positions say nothing.
     """
-    found: Ranges = {}
+    ranges: Ranges = {}
     for rate in RATES:
         rows = [s for r in recordings if {rate, _SPEED, *_PLACE} <= {*r} for s in _stretches(r, rate)]
         if len(rows) < _FEWEST:
             continue
         table = np.array(rows)
-        by_gyroscope, by_course, neither, (said, gone) = table[:, 0:2], table[:, 2:4], table[:, 4:7], table[:, 7:9].T
+        by_gyroscope, by_course, neither, (stated, driven) = table[:, 0:2], table[:, 2:4], table[:, 4:7], table[:, 7:9].T
         (k, c), errors = _regressed(by_gyroscope[:, 0], np.column_stack([by_course, neither]))
         (k_back, c_back), errors_back = _regressed(by_course[:, 0], np.column_stack([by_gyroscope, neither]))
-        (wheel,), (error,) = _regressed(said, gone[:, None], 1)
-        mean_speed = float(gone.sum() / neither[:, 0].sum())
-        found |= {
+        (wheel,), (error,) = _regressed(stated, driven[:, None], 1)
+        mean_speed = float(driven.sum() / neither[:, 0].sum())
+        ranges |= {
             f"sensor_gain_error_{rate}": _range([k - 1.0, 1.0 / k_back - 1.0], [errors[0], errors_back[0]]),
             f"sensor_speed_loss_{rate}": _range([-c, c_back / k_back], [errors[1], errors_back[1]], mean_speed),
             "wheel_radius_error": _range([wheel - 1.0], [error]),
         }
-    return found
+    return ranges
 
 
 def _range(values: Sequence[float], errors: Sequence[float], scale: float = 1.0) -> tuple[float, float]:
@@ -79,9 +79,9 @@ def _range(values: Sequence[float], errors: Sequence[float], scale: float = 1.0)
 def _regressed(measured: Floats, columns: Floats, count: int = 2) -> tuple[Floats, Floats]:
     """Return the coefficients of the first columns, and their standard errors; infinite where nothing tells."""
     values = np.asarray(np.linalg.lstsq(columns, measured, rcond=None)[0], dtype=float)
-    left = measured - columns @ values
+    residual = measured - columns @ values
     rounding = np.finfo(float).eps * (measured @ measured)  # all that is left where one was derived from the other
-    variance = max(left @ left, rounding) / max(len(left) - columns.shape[1], 1)
+    variance = max(residual @ residual, rounding) / max(len(residual) - columns.shape[1], 1)
     return values[:count], covariance_of(columns.T @ columns / variance).errors[:count]
 
 
@@ -96,15 +96,15 @@ def _stretches(recording: xr.Dataset, rate: str) -> list[tuple[float, ...]]:
     r, v = (recording[n].to_numpy().astype(float) for n in (rate, _SPEED))
     x, y = (local_polynomial(recording[place].to_numpy(), step, _SMOOTHED, 1) for place in _PLACE)
     ground = np.hypot(x, y)
-    known = np.isfinite(r) & np.isfinite(v) & (ground > MOVING) & (v > MOVING)
+    valid = np.isfinite(r) & np.isfinite(v) & (ground > MOVING) & (v > MOVING)
     each = max(2, round(_STRETCH / step))
-    found: list[tuple[float, ...]] = []
+    stretches: list[tuple[float, ...]] = []
     for begin in range(0, len(time) - each, each):
         at = slice(begin, begin + each + 1)
-        if not known[at].all():
+        if not valid[at].all():
             continue
         turns, ends, speeds = np.diff(np.unwrap(np.arctan2(y[at], x[at]))), [begin, begin + each], ground[at]
-        found.append(
+        stretches.append(
             (
                 _integral(r[at], step),
                 _integral(r[at] * v[at], step),
@@ -117,7 +117,7 @@ def _stretches(recording: xr.Dataset, rate: str) -> list[tuple[float, ...]]:
                 _integral(speeds, step),
             )
         )
-    return found
+    return stretches
 
 
 def _integral(values: Floats, step: float) -> float:

@@ -46,12 +46,12 @@ def trace_study(
     Raises:
         UserError: If the recordings cannot be traced or the folder cannot be written to.
     """
-    found = _trace(study, study.nominal(), drives, folder, jobs, console)
-    answers = [found.answer]
+    outcome = _trace(study, study.nominal(), drives, folder, jobs, console)
+    answers = [outcome.answer]
     if study.raw.changed is not None:
         answers += [
             study.raw.changed.question,
-            _changed(study, found.amended, drives, inside(folder, "changed"), jobs, console),
+            _changed(study, outcome.amended, drives, inside(folder, "changed"), jobs, console),
         ]
     return answers
 
@@ -90,9 +90,9 @@ def _changed(
     assert study.raw.changed is not None
     task = _task(study, spec, drives, "changed.", jobs)
     changes = run_changes(task, console)
-    if (one := changes.found) is not None:
-        values = {**spec.values, one.parameter.name: one.value}
-        task = replace(task, spec=replace(spec, values=values), free=(one.parameter.name,))
+    if (change := changes.found) is not None:
+        values = {**spec.values, change.parameter.name: change.value}
+        task = replace(task, spec=replace(spec, values=values), free=(change.parameter.name,))
     outcome = run_trace(task, folder, console)
     write_files(folder, {"changed.json": json_text(parameter_changes.record(changes))})
     answer = outcome.failures.attempt(
@@ -155,7 +155,7 @@ def held_out(outcome: Outcome, stated: ModelSpec) -> Errors:
     for name, value in stated.values.items():
         published[augmented.row(name)] = value
     at = replace(Candidates.of(augmented.spec), values=published[:, None])
-    found: Errors = {}
+    by_drive: Errors = {}
     for drive, refitted, amended in zip(trace.held_out.drives, trace.before.drives, trace.after.drives, strict=True):
         simulated = {
             "published": judged_on(augmented, [drive], at)[0].simulated,
@@ -163,14 +163,14 @@ def held_out(outcome: Outcome, stated: ModelSpec) -> Errors:
             "amended": amended.simulated,
         }
         errors = {k: drive.measurements - s for k, s in simulated.items()}
-        found[drive.name] = {
+        by_drive[drive.name] = {
             name: {
                 k: {"rmse": float(np.sqrt(np.nanmean(e[:, a] ** 2))), "std": float(np.nanstd(e[:, a]))}
                 for k, e in errors.items()
             }
             for a, name in enumerate(augmented.model.outputs)
         }
-    return found
+    return by_drive
 
 
 def _about(study: LoopStudy, part: str) -> list[Block]:

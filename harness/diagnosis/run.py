@@ -60,12 +60,12 @@ class Stages:
     def said(self, what: str) -> str:
         """Return a stage in a line: what, since when, and about how long it takes yet where that can be said."""
         now = self._clock()
-        found = _ROUND.match(what)
-        if found and int(found[1]) > self._round:
+        match = _ROUND.match(what)
+        if match and int(match[1]) > self._round:
             if self._round:
                 self._rounds.append(min(now, self._ended) - self._since)
-            self._round, self._since, self._ended = int(found[1]), now, math.inf
-        elif not found and self._round:
+            self._round, self._since, self._ended = int(match[1]), now, math.inf
+        elif not match and self._round:
             self._ended = min(self._ended, now)
         return f"{_minutes(now - self._begun)}  {what}{self._left(now)}"
 
@@ -75,10 +75,10 @@ class Stages:
             return ""
         last = self._rounds[-1]
         if now < self._ended:
-            left = max(0.0, self._since + last - now) + sum(self._rounds) + last
-            return f"; about {_minutes(left)} left if it is the last round"
-        left = sum(self._rounds) + self._ended - self._since - (now - self._ended)
-        return f"; about {_minutes(left)} left" if left > 0 else ""
+            remaining = max(0.0, self._since + last - now) + sum(self._rounds) + last
+            return f"; about {_minutes(remaining)} left if it is the last round"
+        remaining = sum(self._rounds) + self._ended - self._since - (now - self._ended)
+        return f"; about {_minutes(remaining)} left" if remaining > 0 else ""
 
 
 def _minutes(seconds: float) -> str:
@@ -139,8 +139,8 @@ def _lateral_acceleration(recording: xr.Dataset) -> float:
     if not rates or not speeds:
         return np.inf
     both = np.abs(recording[rates[0]].to_numpy() * recording[speeds[0]].to_numpy())
-    known = both[np.isfinite(both)]
-    return float(np.quantile(known, 0.95)) if known.size else np.inf
+    finite = both[np.isfinite(both)]
+    return float(np.quantile(finite, 0.95)) if finite.size else np.inf
 
 
 UNFINISHED = "unfinished"
@@ -236,7 +236,7 @@ def _searched(
 ) -> Outcome:
     """Return the verdict on what the model of a task lacks."""
     fitted, held_out = drives_of(task, augmented)
-    found = trace(
+    result = trace(
         augmented,
         fitted,
         held_out,
@@ -249,7 +249,7 @@ def _searched(
     )
     if kept.taken:
         say(f"{kept.taken} fits of an interrupted trace were taken as they were")
-    return outcome_of(found, say, failures)
+    return outcome_of(result, say, failures)
 
 
 def augmented_model_of(task: Task) -> AugmentedModel:
@@ -275,7 +275,7 @@ def drives_of(task: Task, augmented: AugmentedModel) -> tuple[list[Drive], list[
     """Return the fitted and the held-out drives of a task in terms of its model."""
     recordings = task.train + task.test
     named = zip(recordings, names_of(recordings), strict=True)
-    drives = augmented.share(lambda one: augmented.drive(*one), named)
+    drives = augmented.share(lambda arguments: augmented.drive(*arguments), named)
     return drives[: len(task.train)], drives[len(task.train) :]
 
 

@@ -97,10 +97,10 @@ def load_loop(path: Path) -> LoopStudy:
     Raises:
         UserError: If anything in it is wrong; one line per problem.
     """
-    study, problems, known = LoopStudy.read(path), Problems(str(path)), EFFECTS.names()
+    study, problems, effects = LoopStudy.read(path), Problems(str(path)), EFFECTS.names()
     for i, excluded in enumerate(study.raw.exclude):
-        if excluded.effect not in known:
-            message = f"there is no effect '{excluded.effect}'{closest(excluded.effect, known)}"
+        if excluded.effect not in effects:
+            message = f"there is no effect '{excluded.effect}'{closest(excluded.effect, effects)}"
             problems.add(f"exclude[{i}].effect", message)
     problems.stop()
     return study

@@ -155,12 +155,12 @@ def settings_of(method: ModuleType, given: Mapping[str, Any]) -> Any:
     try:
         return method.Settings(**given)
     except ValidationError as error:
-        known = list(method.Settings.model_fields)
-        lines = [_in_words(str(item["loc"][0]), item["type"], item["msg"], known) for item in error.errors()]
+        names = list(method.Settings.model_fields)
+        lines = [_in_words(str(item["loc"][0]), item["type"], item["msg"], names) for item in error.errors()]
         raise UserError("\n".join(f"settings of method '{name}': {line}" for line in lines)) from None
 
 
-def _in_words(key: str, kind: str, message: str, known: Sequence[str]) -> str:
+def _in_words(key: str, kind: str, message: str, names: Sequence[str]) -> str:
     if kind == "extra_forbidden":
-        return f"no setting '{key}'{closest(key, list(known))}"
+        return f"no setting '{key}'{closest(key, list(names))}"
     return f"{key}: {message[:1].lower()}{message[1:]}"

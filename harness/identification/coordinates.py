@@ -55,7 +55,7 @@ class Coordinate:
         prior: Standard deviation of a normal prior about ``centre``; infinite without one.
         scale: Where it is no logarithm, the parameter is the coordinate times this.
         drives: The only drives in which it acts, by number; empty if it acts in all.
-        known: Standard deviation that is stated of it before the recordings; infinite if none is.
+        stated_std: Standard deviation that is stated of it before the recordings; infinite if none is.
         quantisation: Of the variance of an output, the part that the resolution of its signal makes.
     """
 
@@ -70,7 +70,7 @@ class Coordinate:
     prior: float = math.inf
     scale: float = 1.0
     drives: tuple[int, ...] = ()
-    known: float = math.inf
+    stated_std: float = math.inf
     quantisation: float = 0.0
 
     def acts_in(self, drive: int) -> bool:
@@ -257,8 +257,8 @@ def intensity_coordinate(p: Parameter, row: int, value: float) -> Coordinate:
         value: First value.
     """
     least = max(p.lower, _LEAST_INTENSITY * p.upper)
-    found = parameter_coordinate(replace(p, lower=least), row, max(value, least))
-    return replace(found, kind="intensity")
+    coordinate = parameter_coordinate(replace(p, lower=least), row, max(value, least))
+    return replace(coordinate, kind="intensity")
 
 
 def process_coordinates(spec: ModelSpec) -> list[Coordinate]:
@@ -286,7 +286,7 @@ def measurement_coordinates(spec: ModelSpec, variances: Floats, signals: SignalN
         variances: First variances ``(ny,)``.
         signals: What the signals show of their noise, below which no variance falls; not regarded by default.
     """
-    bound, found = math.log(NOISE_RANGE), []
+    bound, coordinates = math.log(NOISE_RANGE), []
     nothing = np.zeros(len(variances))
     steps, least = (nothing, nothing) if signals is None else (signals.quantisation, signals.least)
     for a, (output, variance) in enumerate(zip(spec.model().outputs, variances, strict=True)):
@@ -294,13 +294,13 @@ def measurement_coordinates(spec: ModelSpec, variances: Floats, signals: SignalN
         lower = max(start - bound, math.log(least[a])) if least[a] > 0 else start - bound
         unit = f"({SIGNALS[output].unit})^2" if output in SIGNALS else ""
         name, step = f"measurement_noise {output}", float(steps[a])
-        found.append(Coordinate(name, "measurement", (a,), start, lower, start + bound, True, unit, quantisation=step))
-    return found
+        coordinates.append(Coordinate(name, "measurement", (a,), start, lower, start + bound, True, unit, quantisation=step))
+    return coordinates
 
 
 def _parameters(spec: ModelSpec, free: Sequence[str], priors: Mapping[str, float], stated: bool) -> list[Coordinate]:
     model, std = spec.model(), stated_std(spec) if stated else set_std(spec)
-    names, found = model.parameter_names, []
+    names, coordinates = model.parameter_names, []
     for name in (*free, *priors):
         if name not in names:
             raise UserError(f"free: the model has no parameter '{name}'{closest(name, names)}")
@@ -310,6 +310,6 @@ def _parameters(spec: ModelSpec, free: Sequence[str], priors: Mapping[str, float
         if not p.lower < p.upper:
             raise UserError(f"free: '{name}' has no room between its bounds {p.lower:g} and {p.upper:g} {p.unit}")
         c = parameter_coordinate(p, row, spec.values[name], priors.get(name, math.inf))
-        known = c.known_to(std[name]).prior if name in std else math.inf
-        found.append(replace(c, known=min(known, c.prior), prior=known if stated and name not in priors else c.prior))
-    return found
+        prior = c.known_to(std[name]).prior if name in std else math.inf
+        coordinates.append(replace(c, stated_std=min(prior, c.prior), prior=prior if stated and name not in priors else c.prior))
+    return coordinates

@@ -106,12 +106,12 @@ def measurements_of(recording: xr.Dataset, model: Model, name: str) -> Floats:
         raise UserError(f"{name}: has {samples} samples; a fit needs at least {SHORTEST}")
     for source in dict.fromkeys(model.rates.get(i, i) for i in model.inputs if i != "time"):
         recordings.inputs(recording, [source])
-    found = np.ascontiguousarray(recordings.measurements(recording, list(model.outputs)), dtype=float)
-    for output, column in zip(model.outputs, found.T, strict=True):
+    measurements = np.ascontiguousarray(recordings.measurements(recording, list(model.outputs)), dtype=float)
+    for output, column in zip(model.outputs, measurements.T, strict=True):
         if not np.isfinite(column).any():
             raise UserError(f"{name}: '{output}' holds no number; choose sensors without it")
-    found[~np.isfinite(found)] = np.nan
-    return found
+    measurements[~np.isfinite(measurements)] = np.nan
+    return measurements
 
 
 def drive_from(
@@ -129,13 +129,13 @@ def drive_from(
     Raises:
         UserError: If a signal is missing or holds no number, or the recording is too short.
     """
-    found = measurements_of(recording, model, name)
+    measurements = measurements_of(recording, model, name)
     time = recording["time"].to_numpy().astype(float)
     inputs = inputs_of(recording, model, step_of(recording), between, signal)
-    first = _first_mean(model, recording, found)
-    exact = np.zeros((len(time), len(first) + found.shape[1], 0)), np.zeros_like(found)
+    first = _first_mean(model, recording, measurements)
+    exact = np.zeros((len(time), len(first) + measurements.shape[1], 0)), np.zeros_like(measurements)
     return Drive(
-        name, time - time[0], inputs.at, inputs.between, found, first, np.zeros_like(first), inputs.errors, *exact
+        name, time - time[0], inputs.at, inputs.between, measurements, first, np.zeros_like(first), inputs.errors, *exact
     )
 
 
@@ -145,7 +145,7 @@ def started_by(model: Model) -> dict[int, int]:
     return {i: rows[str(model.start[s])] for i, s in enumerate(model.states) if model.start.get(s) in rows}
 
 
-def _first_mean(model: Model, recording: xr.Dataset, found: Floats) -> Floats:
+def _first_mean(model: Model, recording: xr.Dataset, measurements: Floats) -> Floats:
     mean = np.zeros(len(model.states))
     for i, state in enumerate(model.states):
         source = model.start.get(state, 0.0)
@@ -153,6 +153,6 @@ def _first_mean(model: Model, recording: xr.Dataset, found: Floats) -> Floats:
             source = 0.0 if source in model.parameter_names else float(recordings.inputs(recording, [source])[0, 0])
         mean[i] = source
         for a, (output, expr) in enumerate(model.outputs.items()):
-            if model.ports.get(f"sensor_{output}", expr) == symbol(state) and np.isfinite(found[0, a]):
-                mean[i] = found[0, a]
+            if model.ports.get(f"sensor_{output}", expr) == symbol(state) and np.isfinite(measurements[0, a]):
+                mean[i] = measurements[0, a]
     return mean

@@ -73,9 +73,9 @@ def _means(time: Floats, values: Floats) -> tuple[Floats, Floats]:
     each = max(1, len(time) // _INTERVALS)
     n = len(time) // each * each
     parts = values[:n].reshape(-1, each)
-    known = np.isfinite(parts)
-    count = known.sum(axis=1)
-    mean = np.where(known, parts, 0.0).sum(axis=1) / np.where(count, count, np.nan)
+    finite = np.isfinite(parts)
+    count = finite.sum(axis=1)
+    mean = np.where(finite, parts, 0.0).sum(axis=1) / np.where(count, count, np.nan)
     return time[:n].reshape(-1, each).mean(axis=1), mean
 
 

@@ -266,9 +266,9 @@ class FilteredModel(ABC):
             self._remembered.keep([_key(drive, held.take([0]))], [(drive, FilterRun(float(values[0]), *notes))])
             return values
 
-        found = self.share(of, tasks)
+        totals = self.share(of, tasks)
         total = np.zeros(tasks[0][1].count)
-        for (_, _, columns), part in zip(tasks, found, strict=True):
+        for (_, _, columns), part in zip(tasks, totals, strict=True):
             total[columns] += part
         return total
 
@@ -301,14 +301,14 @@ class FilteredModel(ABC):
         for samples, columns in zip(ahead, self._late.values(), strict=True):
             later = np.minimum(np.arange(len(inputs)) + samples, len(inputs) - 1)
             inputs[:, columns], between[:, columns] = drive.inputs[later][:, columns], drive.between[later][:, columns]
-        return replace(drive, inputs=inputs, between=between), self.left_of_delays(values)
+        return replace(drive, inputs=inputs, between=between), self.without_delays(values)
 
-    def left_of_delays(self, values: Floats) -> Floats:
+    def without_delays(self, values: Floats) -> Floats:
         """Return parameters ``(np, n)`` for a recording whose late inputs are read ahead already."""
-        left = values.copy()
+        shifted = values.copy()
         for samples, row in zip(self._samples_ahead(values[:, 0]), self._late, strict=True):
-            left[row] += samples * self.spec.step
-        return left
+            shifted[row] += samples * self.spec.step
+        return shifted
 
     def _likelihoods(self, drive: Drive, candidates: Candidates, notes: tuple[Floats, ...]) -> Floats:
         """Return the log-likelihoods of up to ``LANES`` candidates, which read inputs ahead alike, on one recording."""
@@ -333,9 +333,9 @@ class FilteredModel(ABC):
         """Run the filter over every recording, which must not change meanwhile: the last few runs are remembered."""
         pairs = list(zip(drives, for_each(points, drives), strict=True))
         keys = [_key(*pair) for pair in pairs]
-        known = self._remembered.of(keys)
-        new = iter(self.share(lambda i: self.run(*pairs[i]), [i for i, kept in enumerate(known) if kept is None]))
-        runs = [next(new) if kept is None else kept[1] for kept in known]
+        remembered = self._remembered.of(keys)
+        new = iter(self.share(lambda i: self.run(*pairs[i]), [i for i, kept in enumerate(remembered) if kept is None]))
+        runs = [next(new) if kept is None else kept[1] for kept in remembered]
         self._remembered.keep(keys, list(zip(drives, runs, strict=True)))
         return runs
 
@@ -358,8 +358,8 @@ class FilteredModel(ABC):
             residual = np.nan_to_num(kept[i].whitened)
             return -np.einsum("kan,ka->n", columns, residual), np.tensordot(columns, columns, ((0, 1), (0, 1)))
 
-        found = self.share(of_drive, range(len(drives)))
-        gradient, information = (np.sum([f[part] for f in found], axis=0) for part in (0, 1))
+        by_drive = self.share(of_drive, range(len(drives)))
+        gradient, information = (np.sum([f[part] for f in by_drive], axis=0) for part in (0, 1))
         return Slopes(sum(k.log_likelihood for k in kept), gradient, information)
 
     def sensitivities(self, drive: Drive, values: Floats, directions: Floats, kept: FilterRun) -> Floats:
@@ -382,7 +382,7 @@ class FilteredModel(ABC):
         for s in range(0, n, LANES):
             columns = [min(k, n - 1) for k in range(s, s + LANES)]
             both = np.concatenate([at[:, columns], directions[:, columns]], axis=1)
-            found = np.zeros((*drive.measurements.shape, LANES))
+            derivatives = np.zeros((*drive.measurements.shape, LANES))
             self._follow.follow(
                 drive.inputs,
                 drive.between,
@@ -391,9 +391,9 @@ class FilteredModel(ABC):
                 self._first(drive, both),
                 kept.gain,
                 kept.whitening,
-                found,
+                derivatives,
             )
-            slopes[:, :, s : s + LANES] = found[:, :, : n - s]
+            slopes[:, :, s : s + LANES] = derivatives[:, :, : n - s]
         return slopes
 
     def free_run(self, drive: Drive, values: Floats, start: Start | None = None) -> FreeRun:
@@ -406,13 +406,13 @@ class FilteredModel(ABC):
         """
         begin, first = start or Start(0, self.first_state(drive, values))
         drive, held = self.read_ahead(drive, np.repeat(values[:, None], LANES, axis=1))
-        inputs, between, left = drive.inputs[begin:], drive.between[begin:], np.empty((1, LANES))
+        inputs, between, valid_until = drive.inputs[begin:], drive.between[begin:], np.empty((1, LANES))
         states, outputs = (np.empty((len(inputs), n, LANES)) for n in (self.compiled.nx, self.compiled.ny))
         constants, lanes = self.compiled.constants(held), np.repeat(first[:, None], LANES, axis=1)
-        self._free.run_free((inputs, between), constants, lanes, self._limits, states, outputs, left)
-        until, found = int(left[0, 0]), np.full(drive.measurements.shape, np.nan)
-        found[begin : begin + until] = outputs[:until, :, 0]
-        return FreeRun(states[: max(1, until), :, 0].copy(), found)
+        self._free.run_free((inputs, between), constants, lanes, self._limits, states, outputs, valid_until)
+        until, simulated = int(valid_until[0, 0]), np.full(drive.measurements.shape, np.nan)
+        simulated[begin : begin + until] = outputs[:until, :, 0]
+        return FreeRun(states[: max(1, until), :, 0].copy(), simulated)
 
     def first_state(self, drive: Drive, values: Floats) -> Floats:
         """Return the state in which a recording begins ``(nx,)``, with parameters ``(np,)``."""
@@ -441,5 +441,5 @@ def _key(drive: Drive, point: Candidates) -> tuple[int, bytes, bytes, bytes]:
 
 def of_valid(total: Floats, drive: Drive) -> Floats:
     """Return log-likelihoods, minus infinity where the filter left the range in which the equations hold."""
-    likelihood, left = total[0, :LANES], total[1, :LANES]
-    return np.where((left < len(drive.inputs)) | ~np.isfinite(likelihood), -np.inf, likelihood)
+    likelihood, valid_until = total[0, :LANES], total[1, :LANES]
+    return np.where((valid_until < len(drive.inputs)) | ~np.isfinite(likelihood), -np.inf, likelihood)

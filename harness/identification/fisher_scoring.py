@@ -110,9 +110,9 @@ def maximise(
     value, predicted, information, before = -np.inf, np.inf, np.empty((0, 0)), 0.0
 
     def ahead(z: Floats, steps: Sequence[Floats]) -> Floats:
-        way, found = np.column_stack(steps), np.repeat(z[:, None], len(steps), axis=1)
-        found[moved] += np.where(relative[:, None], np.minimum(way, np.log1p(np.maximum(way, _LEAST))), way)
-        return np.clip(found, objective.lower[:, None], objective.upper[:, None])
+        way, trials = np.column_stack(steps), np.repeat(z[:, None], len(steps), axis=1)
+        trials[moved] += np.where(relative[:, None], np.minimum(way, np.log1p(np.maximum(way, _LEAST))), way)
+        return np.clip(trials, objective.lower[:, None], objective.upper[:, None])
 
     for _ in range(iterations):
         value, gradient, information = objective.slopes(z, moved)
@@ -160,19 +160,19 @@ def bounded_step(gradient: Floats, information: Floats, damping: float, lower: F
     A coordinate without information does not move.
     """
     scale = np.sqrt(np.diagonal(information))
-    known = scale > 1e-12 * max(float(scale.max(initial=0.0)), 1e-300)
+    informed = scale > 1e-12 * max(float(scale.max(initial=0.0)), 1e-300)
     step = np.zeros(len(gradient))
-    if not known.any():
+    if not informed.any():
         return step
-    s = scale[known]
-    values, vectors = np.linalg.eigh(information[np.ix_(known, known)] / np.outer(s, s))
+    s = scale[informed]
+    values, vectors = np.linalg.eigh(information[np.ix_(informed, informed)] / np.outer(s, s))
     roots = np.sqrt(np.maximum(values, 1e-12) + damping)
     matrix = roots[:, None] * vectors.T  # its square is the scaled information with damping
-    target = (vectors.T @ (gradient[known] / s)) / roots
+    target = (vectors.T @ (gradient[informed] / s)) / roots
     free = vectors @ (target / roots)
-    low, high = lower[known] * s, upper[known] * s
+    low, high = lower[informed] * s, upper[informed] * s
     if np.any(free < low) or np.any(free > high):
         room = np.maximum(high, low + 1e-12)  # lsq_linear wants some between the bounds
         free = np.clip(optimize.lsq_linear(matrix, target, (low, room), method="bvls").x, low, high)
-    step[known] = free / s
+    step[informed] = free / s
     return step

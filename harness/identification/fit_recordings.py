@@ -111,20 +111,20 @@ def fit_recordings(task: Task, say: Callable[[str], None] = lambda _: None) -> F
 
 def _check_free(spec: ModelSpec, names: Sequence[str]) -> None:
     """Refuse names that the model does not have before anything is compiled."""
-    known = spec.model().parameter_names
+    parameters = spec.model().parameter_names
     if not names:
-        raise UserError(f"free: name the parameters to estimate; the model has: {', '.join(known)}")
+        raise UserError(f"free: name the parameters to estimate; the model has: {', '.join(parameters)}")
     for name in names:
-        if name not in known:
-            raise UserError(f"free: the model has no parameter '{name}'{closest(name, known)}")
+        if name not in parameters:
+            raise UserError(f"free: the model has no parameter '{name}'{closest(name, parameters)}")
     refuse_repeated(names, "free")
 
 
-def write_fit(found: Fitted, folder: Path, command: str) -> list[Path]:
+def write_fit(fitted: Fitted, folder: Path, command: str) -> list[Path]:
     """Write the parameter set, ``identify.json``, the recordings over time and the report; return their paths.
 
     Args:
-        found: What was found.
+        fitted: What was found.
         folder: Where to.
         command: How it was made, for the report.
 
@@ -132,13 +132,13 @@ def write_fit(found: Fitted, folder: Path, command: str) -> list[Path]:
         UserError: If the folder cannot be written to.
     """
     failures = Failures(folder)
-    judged = failures.attempt("the comparison with the recordings", lambda: found.judged, lambda _: [])
+    judged = failures.attempt("the comparison with the recordings", lambda: fitted.judged, lambda _: [])
     not_made = [Prose(plain(sentence)) for sentence in failures.sentences]
-    names = ", ".join(drive.name for drive in found.problem.drives)
+    names = ", ".join(drive.name for drive in fitted.problem.drives)
     return [
-        *write_outcome(folder, found.fit, judged, f"harness identify, method {found.fit.method}, on {names}"),
-        *write_files(folder, {FILE: series_of(judged, found.problem.innovations.model)}),
-        *report(found.fit, judged, command, evidence=not_made or None, notes=found.notes).write(
+        *write_outcome(folder, fitted.fit, judged, f"harness identify, method {fitted.fit.method}, on {names}"),
+        *write_files(folder, {FILE: series_of(judged, fitted.problem.innovations.model)}),
+        *report(fitted.fit, judged, command, evidence=not_made or None, notes=fitted.notes).write(
             folder, failures=failures
         ),
     ]

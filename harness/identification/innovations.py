@@ -95,15 +95,15 @@ class Innovations(FilteredModel):
             points: One candidate, or one for each recording.
             directions: Derivatives of what is held, one column per direction.
         """
-        found = []
+        by_drive = []
         for (_, _, rows), run in zip(
             self._every_slope(drives, points, directions), self.runs(drives, points), strict=True
         ):
             w = np.nan_to_num(run.whitened)
             a, b = np.tril_indices(w.shape[1])
             products = np.where(a == b, (w[:, a] * w[:, b] - 1.0) / np.sqrt(2.0), w[:, a] * w[:, b])
-            found.append(np.einsum("kan,ka->kn", rows, np.concatenate([-w, products], axis=1)))
-        return found
+            by_drive.append(np.einsum("kan,ka->kn", rows, np.concatenate([-w, products], axis=1)))
+        return by_drive
 
     def _every_slope(
         self, drives: Sequence[Drive], points: Each, directions: Each
@@ -117,9 +117,9 @@ class Innovations(FilteredModel):
             for drive, point, moved in zip(drives, at, along, strict=True)
             for s in starts
         ]
-        found = self.share(lambda task: self._slope(*task), tasks)
-        for i in range(0, len(found), len(starts)):
-            of_drive = found[i : i + len(starts)]
+        slopes = self.share(lambda task: self._slope(*task), tasks)
+        for i in range(0, len(slopes), len(starts)):
+            of_drive = slopes[i : i + len(starts)]
             gradient = np.concatenate([g for _, g, _ in of_drive])[:n]
             yield of_drive[0][0], gradient, np.concatenate([r for _, _, r in of_drive], axis=2)[:, :, :n]
 

@@ -91,15 +91,15 @@ class InputEffects:
         held = np.zeros((len(values), self._duals.lanes))
         held[:, : plain.LANES] = values[:, None]
         constants = self._duals.constants(held)
-        found = np.empty((samples, rows, n)), np.empty((samples, drive.measurements.shape[1], n))
+        derivatives = np.empty((samples, rows, n)), np.empty((samples, drive.measurements.shape[1], n))
         for s in range(0, n, plain.LANES):
             columns = [min(j, n - 1) for j in range(s, s + plain.LANES)]
-            parts = [np.empty((samples, f.shape[1], plain.LANES)) for f in found]
+            parts = [np.empty((samples, f.shape[1], plain.LANES)) for f in derivatives]
             directions = np.ascontiguousarray(moved[:, columns])
             kernel(drive.inputs, drive.between, constants, states, directions, *parts)
-            for f, part in zip(found, parts, strict=True):
+            for f, part in zip(derivatives, parts, strict=True):
                 f[:, :, s : s + plain.LANES] = part[:, :, : n - s]
-        return found
+        return derivatives
 
     def _spread(self, drive: Drive, A: Floats, H: Floats, G: Floats, D: Floats) -> Floats:
         """Return the variances of the outputs of a free run: the linear model driven by the errors of the inputs.
@@ -122,6 +122,6 @@ class InputEffects:
 
 def _among(columns: Floats, places: list[int], count: int) -> Floats:
     """Return columns ``(samples, rows, n)`` at their places among others that are zero ``(samples, rows, count)``."""
-    found = np.zeros((*columns.shape[:2], count))
-    found[:, :, places] = columns
-    return found
+    placed = np.zeros((*columns.shape[:2], count))
+    placed[:, :, places] = columns
+    return placed

@@ -156,8 +156,8 @@ class MeasuredStudy:
             raise
         channels = None
         if raw.channels:
-            beside = path.parent / raw.channels
-            channels = beside if beside.suffix else locations.find(locations.CHANNELS, raw.channels)
+            local = path.parent / raw.channels
+            channels = local if local.suffix else locations.find(locations.CHANNELS, raw.channels)
         step = to_si(raw.step, "s", f"{path}: step")
         if step <= 0:
             raise UserError(f"{path}: step: {step:g} s must be positive")
@@ -187,9 +187,9 @@ class MeasuredStudy:
         if self.raw.bank_map:
             whole = self._with_bank(whole)
         taken: list[tuple[str, str, float, float]] = []
-        found: dict[str, list[xr.Dataset]] = {}
+        parts: dict[str, list[xr.Dataset]] = {}
         for key, spans in wanted.items():
-            found[key] = []
+            parts[key] = []
             for i, span in enumerate(spans):
                 where = f"{self.path}: {key}[{i}]"
                 start, stop = self._ends(span, whole[span.file], where)
@@ -197,9 +197,9 @@ class MeasuredStudy:
                     if file == span.file and first < stop and start < last:
                         raise UserError(f"{where}.span: overlaps {other}; use every drive for one purpose only")
                 taken.append((f"{key}[{i}]", span.file, start, stop))
-                found[key].append(_cut(whole[span.file], start, stop, span))
+                parts[key].append(_cut(whole[span.file], start, stop, span))
         values = self.nominal().values
-        return {key: [steered(r, values) for r in recordings] for key, recordings in found.items()}
+        return {key: [steered(r, values) for r in recordings] for key, recordings in parts.items()}
 
     def nominal(self) -> ModelSpec:
         """Return the nominal model, integrated finely.
@@ -231,8 +231,8 @@ class MeasuredStudy:
 
     def _load(self, file: str) -> xr.Dataset:
         if not (self.folder / file).exists():
-            beside = sorted(p.name for p in self.folder.iterdir())
-            raise UserError(f"{self.path}: there is no recording '{file}' in {self.folder}{closest(file, beside)}")
+            present = sorted(p.name for p in self.folder.iterdir())
+            raise UserError(f"{self.path}: there is no recording '{file}' in {self.folder}{closest(file, present)}")
         return load_recording(self.folder / file, self.channels, self.step)
 
     def _ends(self, span: SpanTable, recording: xr.Dataset, where: str) -> tuple[float, float]:

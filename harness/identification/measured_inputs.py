@@ -60,9 +60,9 @@ class InputErrors:
     @property
     def transition(self) -> Floats:
         """Return what is left at each sample of the errors one sample before, on average ``(samples, m, m)``."""
-        found = np.zeros_like(self.covariance)
-        found[1:] = self.lagged[1:] @ np.linalg.pinv(self.covariance[:-1], hermitian=True)
-        return found
+        matrices = np.zeros_like(self.covariance)
+        matrices[1:] = self.lagged[1:] @ np.linalg.pinv(self.covariance[:-1], hermitian=True)
+        return matrices
 
 
 EXACT = InputErrors((), np.zeros((0, 0, 0)), np.zeros((0, 0, 0)))
@@ -103,14 +103,14 @@ def inputs_of(
     """
     time = recording["time"].to_numpy().astype(float)
     at, behind = np.empty((len(time), len(model.inputs))), np.empty((len(time), len(model.inputs)))
-    known: dict[str, _Known] = {}
+    smoothed: dict[str, _Smoothed] = {}
     for i, name in enumerate(model.inputs):
         source = model.rates.get(name, name)
         values = time - time[0] if name == "time" else recordings.inputs(recording, [source])[:, 0]
         if name != "time" and measured(recording, source):
-            if source not in known:
-                known[source] = _known(values, step, recordings.updated(recording, source), signal)
-            values = known[source].rate if name in model.rates else known[source].value
+            if source not in smoothed:
+                smoothed[source] = _smoothed(values, step, recordings.updated(recording, source), signal)
+            values = smoothed[source].rate if name in model.rates else smoothed[source].value
             at[:, i], behind[:, i] = values, halfway(values)
             if between == "held":
                 at[:, i] = behind[:, i] = behind[:, i] if name in model.rates else values
@@ -118,7 +118,7 @@ def inputs_of(
         rate = name in model.rates
         values = forward_difference(values, step) if rate else values
         at[:, i], behind[:, i] = joined(values, rate) if between == "joined" else (values, values)
-    return Inputs(at, behind, _errors(model, known, signal == "measured"))
+    return Inputs(at, behind, _errors(model, smoothed, signal == "measured"))
 
 
 def measured(recording: xr.Dataset, signal: str) -> bool:
@@ -127,7 +127,7 @@ def measured(recording: xr.Dataset, signal: str) -> bool:
 
 
 @dataclass(frozen=True)
-class _Known:
+class _Smoothed:
     """What is known of an input: value and rate, the covariance of their errors, and that with those one sample before.
 
     ``noise`` is the standard deviation of a sample.
@@ -140,33 +140,33 @@ class _Known:
     noise: float
 
 
-def _known(values: Floats, step: float, new: Mask | None, signal: InputSignal | None) -> _Known:
+def _smoothed(values: Floats, step: float, new: Mask | None, signal: InputSignal | None) -> _Smoothed:
     """Return a measured input as it is wanted."""
     whole = smoothed(values, step, new)
     if signal is None or whole.noise == 0:
-        return _Known(whole.value, whole.rate, whole.covariance, whole.lagged, whole.noise)
+        return _Smoothed(whole.value, whole.rate, whole.covariance, whole.lagged, whole.noise)
     past = filtered(values, step, whole.noise, new)
     if signal == "filtered":
-        return _Known(past.value, past.rate, past.covariance, past.lagged, past.noise)
+        return _Smoothed(past.value, past.rate, past.covariance, past.lagged, past.noise)
     there = np.isfinite(values) if new is None else new & np.isfinite(values)
     covariance = np.where(there[:, None, None], past.of_the_sample, past.covariance)
     lagged = past.lagged.copy()
     lagged[there, 0] = 0.0
-    return _Known(np.where(there, values, past.value), past.rate, covariance, lagged, past.noise)
+    return _Smoothed(np.where(there, values, past.value), past.rate, covariance, lagged, past.noise)
 
 
-def _errors(model: Model, known: dict[str, _Known], of_samples: bool) -> InputErrors:
+def _errors(model: Model, smoothed: dict[str, _Smoothed], of_samples: bool) -> InputErrors:
     """Return the joint covariance of all inputs that are not exact; different signals err independently."""
-    uncertain = {n: f for n, f in known.items() if f.noise > 0}
+    uncertain = {n: f for n, f in smoothed.items() if f.noise > 0}
     if not uncertain:
         return EXACT
     rates = {source: rate for rate, source in model.rates.items() if rate in model.inputs}
-    samples, sizes = len(next(iter(known.values())).value), [f.covariance.shape[1] for f in uncertain.values()]
+    samples, sizes = len(next(iter(smoothed.values())).value), [f.covariance.shape[1] for f in uncertain.values()]
     covariance, lagged = (np.zeros((samples, sum(sizes), sum(sizes))) for _ in range(2))
     rows: list[int] = []
-    for (name, found), size in zip(uncertain.items(), sizes, strict=True):
+    for (name, signal), size in zip(uncertain.items(), sizes, strict=True):
         here = slice(len(rows), len(rows) + size)
-        covariance[:, here, here], lagged[:, here, here] = found.covariance, found.lagged
+        covariance[:, here, here], lagged[:, here, here] = signal.covariance, signal.lagged
         inputs = [name, rates.get(name, ""), ""][:size]
         rows += [model.inputs.index(n) if n in model.inputs else -1 for n in inputs]
     return InputErrors(tuple(rows), covariance, lagged, of_samples)

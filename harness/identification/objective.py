@@ -86,14 +86,14 @@ class Driveable:
                     speed if start == _SPEED else values[self.model.row(start)] if start in self.model.names else 0.0
                 )
             x[i, :LANES] = start
-        found, w = np.empty((compiled.nx, compiled.nx)), np.empty((compiled.nw, compiled.lanes))
+        derivative, w = np.empty((compiled.nx, compiled.nx)), np.empty((compiled.nw, compiled.lanes))
         for first in range(0, compiled.nx, LANES):
             columns = range(first, min(first + LANES, compiled.nx))
             moved, ahead = x.copy(), np.empty_like(x)
             moved[list(columns), [LANES + j for j in range(len(columns))]] = 1.0
             compiled.kernels.next_state(moved, u, constants, ahead, w)
-            found[:, list(columns)] = ahead[:, LANES : LANES + len(columns)]
-        return found
+            derivative[:, list(columns)] = ahead[:, LANES : LANES + len(columns)]
+        return derivative
 
     def stays(self, values: Sequence[Floats]) -> bool:
         """Whether the free run stays within the range on every fitted drive, with parameters ``(np,)`` for each."""
@@ -103,11 +103,11 @@ class Driveable:
     def admits(self, values: Sequence[Floats]) -> bool:
         """Whether a model with parameters ``(np,)`` for each fitted drive is a candidate."""
         key = tuple(v.tobytes() for v in values)
-        (known,) = self._known.of([key])
-        if known is None:
-            known = math.isinf(self.unstable_from(values[0])) and self.stays(values)
-            self._known.keep([key], [known])
-        return known
+        (admitted,) = self._known.of([key])
+        if admitted is None:
+            admitted = math.isinf(self.unstable_from(values[0])) and self.stays(values)
+            self._known.keep([key], [admitted])
+        return admitted
 
 
 class LogPosterior:
@@ -153,20 +153,20 @@ class LogPosterior:
             held = [self.coordinates.candidates(kept, i) for i in self._numbers]
             likelihood[possible] = self.model.log_likelihoods(self.drives, held, keep_first)
         self.diverged += int(np.isneginf(likelihood).sum())
-        found: Floats = likelihood - self.coordinates.penalty(z)
-        while self.driveable is not None and np.isfinite(found).any():
-            best = int(np.argmax(found))  # a candidate that is no better than another is not taken anyway
+        posterior: Floats = likelihood - self.coordinates.penalty(z)
+        while self.driveable is not None and np.isfinite(posterior).any():
+            best = int(np.argmax(posterior))  # a candidate that is no better than another is not taken anyway
             if self.driveable.admits([self.coordinates.candidates(z[:, best], i).values[:, 0] for i in self._numbers]):
                 break
-            found[best] = -np.inf
-        return found
+            posterior[best] = -np.inf
+        return posterior
 
     def slopes(self, z: Floats, moved: Mask) -> tuple[float, Floats, Floats]:
         """Return value, gradient and information at a point ``(n,)`` of the coordinates that move ``(n,)``."""
         numbers, space = self._numbers, self.coordinates
         points = [space.candidates(z, i) for i in numbers]
-        found = self.model.slopes(self.drives, points, [space.directions(z, moved, i) for i in numbers])
-        value = found.log_likelihood - float(space.penalty(z))
+        slopes = self.model.slopes(self.drives, points, [space.directions(z, moved, i) for i in numbers])
+        value = slopes.log_likelihood - float(space.penalty(z))
         self.history.append(value)
-        gradient = found.gradient - (space.weight * (z - space.centre))[moved]
-        return value, gradient, found.information + np.diag(space.weight[moved])
+        gradient = slopes.gradient - (space.weight * (z - space.centre))[moved]
+        return value, gradient, slopes.information + np.diag(space.weight[moved])

@@ -63,18 +63,18 @@ def report(
 
 
 def _answer(fit: Fit, judged: Sequence[Judged], notes: Sequence[str]) -> list[Block]:
-    found: list[Block] = [Heading("What was found?"), Prose(strong(answer(fit, judged)))]
+    blocks: list[Block] = [Heading("What was found?"), Prose(strong(answer(fit, judged)))]
     if not fit.converged:
-        found.append(Prose(plain("The search did not converge; take the values with care.")))
+        blocks.append(Prose(plain("The search did not converge; take the values with care.")))
     bounded = [f"{words(e.name)}: {e.reason}" for e in fit.estimates if e.verdict == "at its bound"]
     if bounded:
-        found += [Prose(plain("The fit ends at bounds:")), Bullets([plain(b) for b in bounded])]
+        blocks += [Prose(plain("The fit ends at bounds:")), Bullets([plain(b) for b in bounded])]
     if notes:
-        found += [
+        blocks += [
             Prose(plain("These irregularities of the recordings may have moved the values:")),
             Bullets([plain(note) for note in notes]),
         ]
-    return found
+    return blocks
 
 
 def _gains(fit: Fit, judged: list[Judged]) -> list[Block]:
@@ -85,12 +85,12 @@ def _gain(judged: Judged, fit: Fit) -> str:
     """Say how the simulation error of a recording changes."""
     outputs = list(fit.spec.model().outputs)
     ratio = judged.free_error[1] / judged.free_error[0]
-    known = np.flatnonzero(np.isfinite(ratio))
+    finite = np.flatnonzero(np.isfinite(ratio))
     role = "held out" if judged.held_out else "fitted"
-    if not known.size:
+    if not finite.size:
         return f"{judged.drive.name} ({role}): the free run leaves the range in which the equations hold."
     before, after = judged.free_error
-    parts = [f"{words(outputs[a])} {_shown(outputs[a], before[a])} to {_shown(outputs[a], after[a])}" for a in known]
+    parts = [f"{words(outputs[a])} {_shown(outputs[a], before[a])} to {_shown(outputs[a], after[a])}" for a in finite]
     return f"{judged.drive.name} ({role}): simulation error {', '.join(parts)}."
 
 
@@ -196,7 +196,7 @@ def _residuals(fit: Fit, judged: list[Judged]) -> list[Block]:
             if not is_white(w):
                 coloured.append(f"{words(name)} of {j.drive.name}")
     little = "" if fit.coloured or not fit.correlation.size else "; on the fitted drives that widens no interval"
-    said = (
+    sentence = (
         "Yes: no test rejects it."
         if not coloured
         else f"No: those of {', '.join(coloured)} are coloured, so the model leaves something predictable{little}."
@@ -205,7 +205,7 @@ def _residuals(fit: Fit, judged: list[Judged]) -> list[Block]:
     caption = "Whitened innovations; those of a correct model are white (large p) with variance 1."
     return [
         Heading("Are the innovations white?"),
-        Prose(strong(said)),
+        Prose(strong(sentence)),
         Drawing(
             lambda: figures.periodograms(judged, outputs),
             "Cumulative periodogram of the whitened innovations less that of white noise, which stays between the "

@@ -141,11 +141,11 @@ class Judged:
 
 def judge(problem: Problem, fit: Fit, held_out: tuple[Drive, ...] = ()) -> list[Judged]:
     """Judge the fit on the fitted and on the held-out recordings."""
-    innovations, found = problem.innovations, []
+    innovations, judged = problem.innovations, []
     for drives, kept_aside in ((problem.drives, False), (held_out, True)):
         before, after = (judged_on(innovations, drives, Candidates.of(s)) for s in (innovations.spec, fit.spec))
-        found += [Judged(kept_aside, *pair) for pair in zip(before, after, strict=True)]
-    return found
+        judged += [Judged(kept_aside, *pair) for pair in zip(before, after, strict=True)]
+    return judged
 
 
 def failure(judged: Sequence[Judged]) -> str:
@@ -185,7 +185,7 @@ def _growth(drive: Drive, errors: Sequence[Floats], power: Floats) -> Floats:
 
 def answer(fit: Fit, judged: Sequence[Judged] = ()) -> str:
     """Return the result in sentences; the first says so if the fit failed on the drives by which it is ``judged``."""
-    return " ".join(said for said in (failure(judged), _counted(fit), _coloured(fit)) if said)
+    return " ".join(sentence for sentence in (failure(judged), _counted(fit), _coloured(fit)) if sentence)
 
 
 def _counted(fit: Fit) -> str:
@@ -204,8 +204,8 @@ def _counted(fit: Fit) -> str:
             ("at its bound", "at a bound"),
         )
     ]
-    said = ", ".join(f"{count} {text}" for count, text in counts if count)
-    return f"Of {len(judged)} parameters the recordings leave {said}."
+    phrases = ", ".join(f"{count} {text}" for count, text in counts if count)
+    return f"Of {len(judged)} parameters the recordings leave {phrases}."
 
 
 def _coloured(fit: Fit) -> str:
@@ -319,21 +319,21 @@ def series_of(judged: Sequence[Judged], model: Model) -> bytes:
         judged: The recordings, each judged before and after.
         model: Whose inputs and outputs they have.
     """
-    found = {}
+    series = {}
     for j in judged:
         columns = {"time": j.drive.time}
         for a, name in enumerate(model.outputs):
             columns[f"{MEASURED} {name}"] = j.drive.measurements[:, a]
             columns[f"{BEFORE} {name}"], columns[f"{AFTER} {name}"] = j.free[:, :, a]
-        found[j.drive.name] = columns | _path(j.drive, model)
-    return packed(found)
+        series[j.drive.name] = columns | _path(j.drive, model)
+    return packed(series)
 
 
 def _path(drive: Drive, model: Model) -> dict[str, Floats]:
-    known = {name: drive.inputs[:, i] for i, name in enumerate(model.inputs)}
-    known |= {name: drive.measurements[:, i] for i, name in enumerate(model.outputs)}
-    speed = next((known[n] for n in ("speed", "longitudinal_velocity") if n in known), None)
-    rate = next((v for n, v in known.items() if n.startswith("yaw_rate")), None)
+    signals = {name: drive.inputs[:, i] for i, name in enumerate(model.inputs)}
+    signals |= {name: drive.measurements[:, i] for i, name in enumerate(model.outputs)}
+    speed = next((signals[n] for n in ("speed", "longitudinal_velocity") if n in signals), None)
+    rate = next((v for n, v in signals.items() if n.startswith("yaw_rate")), None)
     if speed is None or rate is None:
         return {}
     speed, rate = _filled(speed), _filled(rate)

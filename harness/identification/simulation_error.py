@@ -166,7 +166,7 @@ class Misfit:
         count, ny = len(candidates), self.compiled.ny
         groups = -(-count // LANES)
         filled = candidates[np.minimum(np.arange(groups * LANES), count - 1)]
-        found = np.empty((len(self.drives), groups, ny + 1, LANES))
+        totals = np.empty((len(self.drives), groups, ny + 1, LANES))
 
         def run(task: int) -> None:
             d, group = divmod(task, groups)
@@ -175,11 +175,11 @@ class Misfit:
             for state, row in self._starts.items():
                 x0[state] = values[row]
             constants = self.compiled.constants(values)
-            self._kernel(drive.inputs, drive.measurements, constants, self._limits, x0, found[d, group])
+            self._kernel(drive.inputs, drive.measurements, constants, self._limits, x0, totals[d, group])
 
         with ThreadPoolExecutor(self.jobs) as pool:
             list(pool.map(run, range(len(self.drives) * groups)))
-        sums = found.transpose(0, 1, 3, 2).reshape(len(self.drives), -1, ny + 1)[:, :count]
+        sums = totals.transpose(0, 1, 3, 2).reshape(len(self.drives), -1, ny + 1)[:, :count]
         lost = (sums[..., ny] > 0) | ~np.isfinite(sums[..., :ny]).all(axis=-1)
         with np.errstate(invalid="ignore"):
             return np.where(lost[..., None], np.inf, np.sqrt(sums[..., :ny]))
@@ -196,16 +196,16 @@ def _check(compiled: CompiledModel, free: Sequence[Free], drives: Sequence[Drive
         raise UserError("no parameter is free; name at least one")
     if not drives:
         raise UserError("no recording is given; identification needs at least one")
-    for one in free:
-        if one.parameter not in compiled.model.parameter_names:
-            near = closest(one.parameter, compiled.model.parameter_names)
-            raise UserError(f"model '{compiled.model.name}' has no parameter '{one.parameter}'{near}")
-        if not one.lower < one.upper:
-            raise UserError(f"'{one.parameter}': the search range {one.lower:g} to {one.upper:g} is empty")
-        for name in one.drives:
+    for parameter in free:
+        if parameter.parameter not in compiled.model.parameter_names:
+            near = closest(parameter.parameter, compiled.model.parameter_names)
+            raise UserError(f"model '{compiled.model.name}' has no parameter '{parameter.parameter}'{near}")
+        if not parameter.lower < parameter.upper:
+            raise UserError(f"'{parameter.parameter}': the search range {parameter.lower:g} to {parameter.upper:g} is empty")
+        for name in parameter.drives:
             if name not in names:
                 raise UserError(
-                    f"'{one.parameter}' holds for recording '{name}', which is not there{closest(name, names)}"
+                    f"'{parameter.parameter}' holds for recording '{name}', which is not there{closest(name, names)}"
                 )
 
 

@@ -69,8 +69,8 @@ def add_likelihood(k, state, previous, u_before, u, y, belief, work, info, room,
     limits, total, notes = record
     note(previous, state, u_before, u, y, belief, info, room, k, notes)
     put(get(total, 0) + get(info.log_likelihood, 0), total, 0)
-    left = get(total, 1)
-    put(select((outside(state.mean, limits) > 0.0) & (left > 1.0 * k), 1.0 * k, left), total, 1)
+    valid_until = get(total, 1)
+    put(select((outside(state.mean, limits) > 0.0) & (valid_until > 1.0 * k), 1.0 * k, valid_until), total, 1)
 
 
 def scratchpad():
@@ -295,8 +295,8 @@ def keep_free(k, x, u, c, room, record):
     for i in range(NX):
         put(get(x, i), states, k, i)
     output(x, u, c, outputs[k])
-    left = get(left_at, 0)
-    put(select((outside(x, limits) > 0.0) & (left > 1.0 * k), 1.0 * k, left), left_at, 0)
+    valid_until = get(left_at, 0)
+    put(select((outside(x, limits) > 0.0) & (valid_until > 1.0 * k), 1.0 * k, valid_until), left_at, 0)
     return False
 
 

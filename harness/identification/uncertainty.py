@@ -108,8 +108,8 @@ def marginal(information: Floats, rows: Sequence[int]) -> Floats:
     others = np.setdiff1d(np.arange(len(information)), own)
     cross = information[np.ix_(others, own)]
     open_ = covariance_of(information[np.ix_(others, others)], dropped=True).matrix
-    found: Floats = information[np.ix_(own, own)] - cross.T @ open_ @ cross
-    return found
+    remaining: Floats = information[np.ix_(own, own)] - cross.T @ open_ @ cross
+    return remaining
 
 
 @dataclass(frozen=True)
@@ -147,40 +147,40 @@ def limits_of_knowledge(space: Coordinates, z: Floats, information: Floats) -> K
     """
     information = information if np.isfinite(information).all() else np.diag(space.weight)
     reach = space.upper - space.lower
-    side = np.array([at_bound(*of) for of in zip(z, space.lower, space.upper, strict=True)], dtype=int)
-    told = information - np.diag(space.weight)  # by the recordings alone
+    side = np.array([at_bound(*bounds) for bounds in zip(z, space.lower, space.upper, strict=True)], dtype=int)
+    recorded = information - np.diag(space.weight)  # by the recordings alone
     silent = (
-        np.sqrt(np.maximum(np.diagonal(told), 0.0)) * reach < 2.0 * NORMAL
+        np.sqrt(np.maximum(np.diagonal(recorded), 0.0)) * reach < 2.0 * NORMAL
     )  # all else known, it would be the whole range
     side[silent] = 0
-    known = (side == 0) & ~silent
+    determined = (side == 0) & ~silent
     n, multiple = len(space), np.zeros(len(space))
     error, correlation = np.full(n, np.inf), np.eye(n)
     error[side != 0] = np.nan
-    if known.any():
-        covariance = covariance_of(information[np.ix_(known, known)])
-        error[known] = covariance.errors
-        correlation[np.ix_(known, known)] = covariance.correlation
-        alone = covariance_of((information - np.diag(space.weight))[np.ix_(known, known)])
-        multiple[known] = np.sqrt(1.0 - 1.0 / np.maximum(np.diagonal(alone.unit), 1.0))
-    return Knowledge(error, correlation, side, multiple, _unlearnt(space, information, known))
+    if determined.any():
+        covariance = covariance_of(information[np.ix_(determined, determined)])
+        error[determined] = covariance.errors
+        correlation[np.ix_(determined, determined)] = covariance.correlation
+        alone = covariance_of((information - np.diag(space.weight))[np.ix_(determined, determined)])
+        multiple[determined] = np.sqrt(1.0 - 1.0 / np.maximum(np.diagonal(alone.unit), 1.0))
+    return Knowledge(error, correlation, side, multiple, _unlearnt(space, information, determined))
 
 
-def _unlearnt(space: Coordinates, information: Floats, known: Mask) -> Mask:
+def _unlearnt(space: Coordinates, information: Floats, determined: Mask) -> Mask:
     """Return which coordinates move along a direction that the recordings tell less of than was stated before."""
-    found, before = np.zeros(len(space), dtype=bool), np.array([c.known for c in space.coordinates])
-    rows = np.flatnonzero(known & np.isfinite(before))
+    unlearnt, before = np.zeros(len(space), dtype=bool), np.array([c.stated_std for c in space.coordinates])
+    rows = np.flatnonzero(determined & np.isfinite(before))
     if not rows.size:
-        return found
-    others = np.flatnonzero(known & ~np.isfinite(before))
+        return unlearnt
+    others = np.flatnonzero(determined & ~np.isfinite(before))
     alone = information - np.diag(space.weight)
-    told = alone[np.ix_(rows, rows)]
+    recorded = alone[np.ix_(rows, rows)]
     if others.size:  # all else free
         across = alone[np.ix_(rows, others)]
-        told = told - across @ np.linalg.pinv(alone[np.ix_(others, others)], rcond=_SINGULAR, hermitian=True) @ across.T
-    values, vectors = np.linalg.eigh(told * np.outer(before[rows], before[rows]))
-    found[rows] = (vectors[:, values < 1.0] ** 2).sum(axis=1) > _LEARNT_BY
-    return found
+        recorded = recorded - across @ np.linalg.pinv(alone[np.ix_(others, others)], rcond=_SINGULAR, hermitian=True) @ across.T
+    values, vectors = np.linalg.eigh(recorded * np.outer(before[rows], before[rows]))
+    unlearnt[rows] = (vectors[:, values < 1.0] ** 2).sum(axis=1) > _LEARNT_BY
+    return unlearnt
 
 
 @dataclass(frozen=True)
@@ -238,7 +238,7 @@ def estimates_of(
         colour: What coloured innovations do to them; ``None`` if nothing.
     """
     space, z, knowledge = summit.space, summit.z, summit.knowledge
-    found = []
+    estimates = []
     drawn = {}
     wanted = [i for i, c in enumerate(space.coordinates) if c.kind in profiles and np.isfinite(knowledge.error[i])]
     wanted = [i for i in wanted if space.coordinates[i].kind == "parameter" or knowledge.error[i] < BARELY]
@@ -261,7 +261,7 @@ def estimates_of(
         verdict, reason = _judge(space, knowledge, i, float(z[i]), lower, upper)
         if colour is not None and verdict == "determined" and c.kind == "parameter":
             verdict, reason = "weakly determined", f"{reason}; the innovations are coloured, so it may be biased"
-        found.append(
+        estimates.append(
             Estimate(
                 name=c.name,
                 unit=c.unit,
@@ -276,7 +276,7 @@ def estimates_of(
                 widened=widened,
             )
         )
-    return tuple(found)
+    return tuple(estimates)
 
 
 def profile(summit: Summit, wanted: list[int]) -> dict[int, tuple[Floats, Floats]]:
@@ -300,11 +300,11 @@ def profile(summit: Summit, wanted: list[int]) -> dict[int, tuple[Floats, Floats
                 refitted = maximise(objective, point, side.others, _REFITTING, enough=0.01 * k * k)
                 point, settled = refitted.z, min(settled, value - refitted.value)
             side.add(point, settled)
-    found = {}
+    profiles = {}
     for i in wanted:
         pairs = sorted({(float(z[i]), 0.0)}.union(*(side.pairs for side in sides if side.index == i)))
-        found[i] = (np.array([at for at, _ in pairs]), np.array([drop for _, drop in pairs]))
-    return found
+        profiles[i] = (np.array([at for at, _ in pairs]), np.array([drop for _, drop in pairs]))
+    return profiles
 
 
 class _Side:
@@ -316,10 +316,10 @@ class _Side:
         self.index, self.point, self.open = index, z, True
         self.others = summit.knowledge.side == 0
         self.others[index] = False
-        told = self.others & np.isfinite(summit.knowledge.error)  # where it says nothing, it predicts any distance
-        inner = information[np.ix_(told, told)]
+        informed = self.others & np.isfinite(summit.knowledge.error)  # where it says nothing, it predicts any distance
+        inner = information[np.ix_(informed, informed)]
         ridge = np.zeros(len(z))
-        ridge[told] = -np.linalg.lstsq(inner, information[told, index], rcond=_SINGULAR)[0]
+        ridge[informed] = -np.linalg.lstsq(inner, information[informed, index], rcond=_SINGULAR)[0]
         ridge[index] = 1.0
         self.step = step * ridge
         self.bound = space.upper[index] if step > 0 else space.lower[index]

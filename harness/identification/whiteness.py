@@ -56,9 +56,9 @@ class Whiteness:
     band: float
 
 
-def is_white(found: Whiteness) -> bool:
+def is_white(whiteness: Whiteness) -> bool:
     """Whether no test rejects that a series is white; one that is too short is not tested."""
-    return not min(found.ljung_box, found.periodogram) < REJECTED
+    return not min(whiteness.ljung_box, whiteness.periodogram) < REJECTED
 
 
 def whiteness(series: Floats) -> Whiteness:
@@ -129,12 +129,12 @@ def robust_errors(summit: Summit, sums: Floats) -> Floats:
         summit: Where the likelihood is largest.
         sums: From ``block_sums``.
     """
-    known = np.isfinite(summit.knowledge.error)
-    inverse = covariance_of(summit.information[np.ix_(known, known)]).matrix
-    spread = sums[:, known].T @ sums[:, known] + np.diag(summit.space.weight[known])
-    found = np.full(len(known), np.nan)
-    found[known] = np.sqrt(np.diagonal(inverse @ spread @ inverse))
-    return found
+    determined = np.isfinite(summit.knowledge.error)
+    inverse = covariance_of(summit.information[np.ix_(determined, determined)]).matrix
+    spread = sums[:, determined].T @ sums[:, determined] + np.diag(summit.space.weight[determined])
+    errors = np.full(len(determined), np.nan)
+    errors[determined] = np.sqrt(np.diagonal(inverse @ spread @ inverse))
+    return errors
 
 
 def factors(summit: Summit, sums: Floats) -> Floats | None:

@@ -139,18 +139,18 @@ def _averaged(time: Floats, value: Floats, degrees: Floats, single: bool) -> tup
     """Return the middle of each window, the mean over its degrees of freedom there, and the 95 % band ``(n, 2)``."""
     counted = np.isfinite(value) & (degrees > 0)
     edges = np.linspace(0, len(time), min(_WINDOWS, max(1, len(time) // 10)) + 1).astype(int)
-    found = []
+    rows = []
     largest = int(np.add.reduceat(np.where(counted, degrees, 0), edges[:-1]).max())
     bounds = chi_square_bounds(1 + max(largest, 1))
     for first, last in pairwise(edges):
         here = counted[first:last]
         if not here.any():
-            found.append((time[first:last].mean(), np.nan, np.nan, np.nan))
+            rows.append((time[first:last].mean(), np.nan, np.nan, np.nan))
             continue
         total = int(degrees[first:last][here].sum())
-        of = round(float(degrees[first:last][here].mean())) if single else total
-        found.append((time[first:last].mean(), value[first:last][here].sum() / total, *(bounds[of] / of)))
-    table = np.array(found)
+        dof = round(float(degrees[first:last][here].mean())) if single else total
+        rows.append((time[first:last].mean(), value[first:last][here].sum() / total, *(bounds[dof] / dof)))
+    table = np.array(rows)
     return table[:, 0], table[:, 1], table[:, 2:]
 
 

@@ -50,14 +50,14 @@ _CAUSAL: dict[str, str] = {
 
 def inputs_in_words(runs: Sequence[xr.Dataset]) -> str:
     """Say what estimators took for recorded inputs, of each kind once."""
-    said: dict[str, list[str]] = {}
+    by_comment: dict[str, list[str]] = {}
     for run in runs:
-        names = said.setdefault(str(run.attrs["comment"]), [])
+        names = by_comment.setdefault(str(run.attrs["comment"]), [])
         if run.attrs["estimator"] not in names:
             names.append(run.attrs["estimator"])
-    if len(said) == 1:
-        return next(iter(said))
-    return " ".join(f"{', '.join(names)}: {words}" for words, names in said.items())
+    if len(by_comment) == 1:
+        return next(iter(by_comment))
+    return " ".join(f"{', '.join(names)}: {words}" for words, names in by_comment.items())
 
 
 WANDERING = 10.0
@@ -136,7 +136,7 @@ class RecordedModel:
             UserError: If a reference that was asked for is not in the recording, or is what the estimators measure.
         """
         model = self.spec.model()
-        outputs, found = model.outputs, {}
+        outputs, references = model.outputs, {}
         claimed = set(self.references.values()) - set(self.references)
         for name in (n for n in self.signals if n not in model.inputs and n not in claimed):
             source = self.references.get(name, name)
@@ -149,10 +149,10 @@ class RecordedModel:
                     f"reference of '{name}': the estimators measure '{source}'; choose sensors without it to compare "
                     "with it"
                 )
-            known = f"{TRUTH}{source}" if exact else source
-            if known in recording and (source not in outputs or exact) and np.isfinite(recording[known]).any():
-                found[name] = known
-        return found
+            column = f"{TRUTH}{source}" if exact else source
+            if column in recording and (source not in outputs or exact) and np.isfinite(recording[column]).any():
+                references[name] = column
+        return references
 
 
 class RecordedEstimator:
@@ -372,9 +372,9 @@ def _joint_nees(errors: Floats, covariance: Floats) -> tuple[Floats, Floats]:
 
     A port that follows from the others adds no degree of freedom: the pseudo-inverse leaves its direction out.
     """
-    known = np.isfinite(errors)
+    finite = np.isfinite(errors)
     scale = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    usable = known & (scale > 0)
+    usable = finite & (scale > 0)
     whole = np.where(usable, errors / np.where(usable, scale, 1.0), 0.0)
     unit = covariance / np.where(usable, scale, 1.0)[:, :, None] / np.where(usable, scale, 1.0)[:, None, :]
     unit = np.where(usable[:, :, None] & usable[:, None, :], unit, 0.0)

@@ -176,23 +176,23 @@ def summary(run: xr.Dataset) -> RunSummary:
 
 def _last(values: xr.DataArray) -> float:
     """Return the last finite value."""
-    known = values.to_numpy()[np.isfinite(values)]
-    return float(known[-1]) if known.size else math.nan
+    finite = values.to_numpy()[np.isfinite(values)]
+    return float(finite[-1]) if finite.size else math.nan
 
 
 def _error(run: xr.Dataset, name: str) -> Error:
     error = run[f"error_{name}"].to_numpy()
-    known = error[np.isfinite(error)]
+    finite = error[np.isfinite(error)]
     share = run[f"nees_{name}"].to_numpy()
     nees, inside, _ = shares_inside(share, np.ones(len(share)))
-    if not known.size:
+    if not finite.size:
         return Error(math.nan, math.nan, math.nan, nees, inside)
-    rmse, largest = float(np.sqrt(np.mean(known**2))), float(np.abs(known).max())
+    rmse, largest = float(np.sqrt(np.mean(finite**2))), float(np.abs(finite).max())
     noise = float(run[f"reference_{name}"].attrs["noise_std"])
     variance = run[f"{name}_std"].to_numpy() ** 2 + noise**2
     both = np.isfinite(error) & np.isfinite(variance)
     with_noise, inside_both, _ = shares_inside(error[both] ** 2 / variance[both], np.ones(int(both.sum())))
-    bias, independent = float(known.mean()), _independent(known)
+    bias, independent = float(finite.mean()), _independent(finite)
     return Error(rmse, bias, largest, nees, inside, noise, with_noise, inside_both, independent)
 
 
@@ -202,22 +202,22 @@ def _independent(errors: Floats) -> float:
     return max(1.0, len(errors) * (1.0 - alike) / (1.0 + alike)) if alike > 0.0 else float(len(errors))
 
 
-def record(found: RunSummary) -> dict[str, Any]:
+def record(summary: RunSummary) -> dict[str, Any]:
     """Return the numbers as ``estimate.json`` holds them, SI units."""
     return {
-        "estimator": found.estimator,
-        "recording": found.recording,
-        "log_likelihood": found.log_likelihood,
-        "samples_with_a_measurement": found.updates,
-        "nis_over_degrees": found.nis,
-        "nis_inside_95": found.nis_inside,
-        "nees_over_degrees": found.nees,
-        "nees_inside_95": found.nees_inside,
-        "diverged_at": found.diverged_at,
-        "repairs": found.repairs,
+        "estimator": summary.estimator,
+        "recording": summary.recording,
+        "log_likelihood": summary.log_likelihood,
+        "samples_with_a_measurement": summary.updates,
+        "nis_over_degrees": summary.nis,
+        "nis_inside_95": summary.nis_inside,
+        "nees_over_degrees": summary.nees,
+        "nees_inside_95": summary.nees_inside,
+        "diverged_at": summary.diverged_at,
+        "repairs": summary.repairs,
         "innovations": {
             n: {"variance": w.variance, "ljung_box_p": w.ljung_box, "cumulative_periodogram_p": w.periodogram}
-            for n, w in found.whiteness.items()
+            for n, w in summary.whiteness.items()
         },
         "errors": {
             n: {
@@ -231,10 +231,10 @@ def record(found: RunSummary) -> dict[str, Any]:
                 "nees_with_reference_noise": e.nees_with_noise,
                 "inside_95_with_reference_noise": e.inside_with_noise,
             }
-            for n, e in found.errors.items()
+            for n, e in summary.errors.items()
         },
         "parameters": {
-            n: {"unit": SIGNALS[n].unit, "last": value, "std": std} for n, (value, std) in found.parameters.items()
+            n: {"unit": SIGNALS[n].unit, "last": value, "std": std} for n, (value, std) in summary.parameters.items()
         },
     }
 
@@ -258,10 +258,10 @@ _LEVEL = 0.99
 
 def verdicts(summaries: Sequence[RunSummary]) -> str:
     """Return the verdict on each estimator, those that come to the same together."""
-    said: dict[str, list[str]] = {}
+    by_verdict: dict[str, list[str]] = {}
     for name in dict.fromkeys(s.estimator for s in summaries):
-        said.setdefault(verdict([s for s in summaries if s.estimator == name]), []).append(name)
-    return " ".join(f"With {listed(names)} {text}." for text, names in said.items())
+        by_verdict.setdefault(verdict([s for s in summaries if s.estimator == name]), []).append(name)
+    return " ".join(f"With {listed(names)} {text}." for text, names in by_verdict.items())
 
 
 def verdict(runs: Sequence[RunSummary]) -> str:
@@ -302,10 +302,10 @@ def is_large(error: Error) -> bool:
     return error.nees_with_noise > max(_TOO_LARGE, most)
 
 
-def is_coloured(found: Whiteness) -> bool:
+def is_coloured(whiteness: Whiteness) -> bool:
     """Whether innovations are coloured by so much that it matters."""
-    samples = 2 * len(found.frequency)
-    return not is_white(found) and found.correlation - LAGS / max(samples, 1) > _COLOURED
+    samples = 2 * len(whiteness.frequency)
+    return not is_white(whiteness) and whiteness.correlation - LAGS / max(samples, 1) > _COLOURED
 
 
 def _large(errors: Sequence[tuple[str, Error]]) -> list[str]:

@@ -97,8 +97,8 @@ class Variance:
     @property
     def label(self) -> str:
         """What it is the noise of, in words."""
-        of = " and ".join(words(n) for n in self.names)
-        return f"{'process' if self.kind == 'process' else 'measurement'} noise of {of}"
+        labels = " and ".join(words(n) for n in self.names)
+        return f"{'process' if self.kind == 'process' else 'measurement'} noise of {labels}"
 
 
 @dataclass(frozen=True)
@@ -179,7 +179,7 @@ def tune_noise(
     free = np.array([e.verdict in _DETERMINED for e in estimates])
     z, contradicted = search.with_stated(best, free)
     spec = search.space.fitted(z)
-    found = search.variances(estimates, z, free, contradicted)
+    variances = search.variances(estimates, z, free, contradicted)
     notes = (
         [] if best.converged else [f"The search stopped early: a further step predicts a gain of {best.predicted:.2g}."]
     )
@@ -189,7 +189,7 @@ def tune_noise(
         tuple(consistency(d, r, model.spec.model().outputs) for d, r in zip(drives, each, strict=True)) for each in runs
     )
     return NoiseTuning(
-        model, spec, drives, found, (stated, search.value(z)), before, after, best.converged, tuple(notes)
+        model, spec, drives, variances, (stated, search.value(z)), before, after, best.converged, tuple(notes)
     )
 
 
@@ -256,9 +256,9 @@ class _Search:
         for all. The slope of the likelihood to the logarithm of a variance near zero vanishes, so neither the
         information nor a profile that is followed from there shows this; a refit that begins with all of them does.
         """
-        found, process = list(estimates), self.space.kind("process")
-        known = np.array([e.verdict in _DETERMINED for e in estimates])
-        for i in np.flatnonzero(process & known).tolist() if np.any(process & ~known) else ():
+        judged, process = list(estimates), self.space.kind("process")
+        determined = np.array([e.verdict in _DETERMINED for e in estimates])
+        for i in np.flatnonzero(process & determined).tolist() if np.any(process & ~determined) else ():
             c, others = self.space.coordinates[i], np.ones(len(self.space), dtype=bool)
             others[i] = False
             say(f"whether others can take the place of {c.name.replace('_', ' ')}")
@@ -266,8 +266,8 @@ class _Search:
             z[i] = max(c.coordinate(estimates[i].lower) - _ELSEWHERE, c.lower)
             if best.value - self.value(self._refitted(z, others)) <= CONTRADICTED:
                 reason = "the process noise of other states explains these recordings as well"
-                found[i] = replace(estimates[i], verdict="not determined", reason=reason, error=math.inf)
-        return tuple(found)
+                judged[i] = replace(estimates[i], verdict="not determined", reason=reason, error=math.inf)
+        return tuple(judged)
 
     def with_stated(self, best: Maximum, free: Mask) -> tuple[Floats, Mask]:
         """Return the point with what is not determined as stated, and which stated values are contradicted.
@@ -296,57 +296,57 @@ class _Search:
         """
         revived = np.where(moved & self.space.kind("process"), np.maximum(z, self.space.centre), z)
         starts = [z] if np.array_equal(revived, z) else [z, revived]
-        found = [
+        maxima = [
             maximise(self.objective, s, moved, _REFITTING, enough=_ROUGHLY)
             for s in starts
             if moved.any() and np.isfinite(self.value(s))
         ]
-        return max(found, key=lambda m: m.value).z if found else z
+        return max(maxima, key=lambda m: m.value).z if maxima else z
 
     def variances(
         self, estimates: Sequence[Estimate], z: Floats, free: Mask, contradicted: Mask
     ) -> tuple[Variance, ...]:
         """Return the coordinates as variances."""
         spec = self.space.spec
-        model, found = spec.model(), []
+        model, variances = spec.model(), []
         held = self.space.candidates(z)
         for i, (c, e) in enumerate(zip(self.space.coordinates, estimates, strict=True)):
             kind: Literal["process", "measurement"] = "process" if c.kind == "process" else "measurement"
-            of = model.states if kind == "process" else tuple(model.outputs)
-            names = tuple(of[row] for row in c.rows)
+            labels = model.states if kind == "process" else tuple(model.outputs)
+            names = tuple(labels[row] for row in c.rows)
             now = (held.process if kind == "process" else held.measurement)[list(c.rows), 0]
             before = np.array([(spec.process_noise if kind == "process" else spec.measurement_noise)[n] for n in names])
-            known = math.isfinite(e.error)
+            finite = math.isfinite(e.error)
             scale = now / c.value(float(z[i]))  # of a shared factor; else 1
-            found.append(
+            variances.append(
                 Variance(
                     kind,
                     names,
                     variance_unit_of(names[0]),
                     before,
                     now,
-                    scale * e.lower if known else np.zeros(len(names)),
-                    scale * e.upper if known else np.full(len(names), np.inf),
-                    e.error / e.value if known else math.inf,
+                    scale * e.lower if finite else np.zeros(len(names)),
+                    scale * e.upper if finite else np.full(len(names), np.inf),
+                    e.error / e.value if finite else math.inf,
                     e.verdict or "not determined",
                     e.reason,
                     not free[i],
                     bool(contradicted[i]),
                 )
             )
-        return tuple(found)
+        return tuple(variances)
 
 
 def _each_state(spec: ModelSpec) -> list[Coordinate]:
     """Return a coordinate per noisy state; a random effect states its noise itself, which is a parameter."""
-    bound, model, found = math.log(NOISE_RANGE), spec.model(), []
+    bound, model, coordinates = math.log(NOISE_RANGE), spec.model(), []
     for i, state in enumerate(model.states):
         if spec.process_noise[state] > 0 and state not in model.noise:
             start = math.log(spec.process_noise[state])
             name = f"process_noise {state}"
             unit = variance_unit_of(state)
-            found.append(Coordinate(name, "process", (i,), start, start - bound, start + bound, True, unit))
-    return found
+            coordinates.append(Coordinate(name, "process", (i,), start, start - bound, start + bound, True, unit))
+    return coordinates
 
 
 def variance_unit_of(signal: str) -> str:

@@ -19,12 +19,12 @@ Format = Literal["csv", "parquet", "nc"]
 
 def as_columns(run: xr.Dataset) -> xr.Dataset:
     """Return a run with variables over time only; each pair of outputs has its covariance as a column."""
-    outputs, found = outputs_of(run), run.drop_dims(["output", "other_output"])
-    for i, one in enumerate(outputs):
+    outputs, columns = outputs_of(run), run.drop_dims(["output", "other_output"])
+    for i, output in enumerate(outputs):
         for other in outputs[i + 1 :]:
-            pair = run["innovation_covariance"].sel(output=one, other_output=other, drop=True)
-            found[f"innovation_covariance_{one}_{other}"] = pair
-    return found
+            pair = run["innovation_covariance"].sel(output=output, other_output=other, drop=True)
+            columns[f"innovation_covariance_{output}_{other}"] = pair
+    return columns
 
 
 def write_estimates(folder: Path, runs: Sequence[xr.Dataset], form: Format) -> list[Path]:

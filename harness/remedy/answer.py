@@ -49,8 +49,8 @@ def _effect(o: Outcome, first: Outcome) -> str:
     """Say what a remedy does to the boxes, else to the errors at the worst level."""
     parts = []
     if o.boxes:
-        for t, one in o.boxes.items():
-            grown = f"from {percent(first.boxes[t].box)} to {percent(one.box)}"
+        for t, tolerated in o.boxes.items():
+            grown = f"from {percent(first.boxes[t].box)} to {percent(tolerated.box)}"
             parts.append(f"{grown} of the way for the {first.targets[t].words}")
         return f"The box that is tolerated goes {listed(parts)}."
     for t, target in enumerate(first.targets):
@@ -71,11 +71,11 @@ def further(tried: Tried) -> Iterator[tuple[str, str]]:
         yield "What is wrong?", f"The vehicle has {_drivers(tried)}, the estimator believes the model without."
     else:
         yield "What drives the error?", f"Of what the study varies, {_drivers(tried)}; remedies are tried against this."
-    if tried.known is not None and taken is not first:
-        ratios = taken.medians.max(axis=1) / tried.known.medians.max(axis=1)
-        told = listed([f"{times(float(r))} for the {q.words}" for r, q in zip(ratios, first.targets, strict=True)])
+    if tried.ideal is not None and taken is not first:
+        ratios = taken.medians.max(axis=1) / tried.ideal.medians.max(axis=1)
+        phrase = listed([f"{times(float(r))} for the {q.words}" for r, q in zip(ratios, first.targets, strict=True)])
         ideal = "believing the amended model" if tried.traced else "with the parameters known"
-        yield "How near to the ideal?", f"The error at the worst level over that {ideal}: {told}."
+        yield "How near to the ideal?", f"The error at the worst level over that {ideal}: {phrase}."
     if better := _could_be_better(tried):
         yield "Could any estimator do better?", better
     yield "What does it cost?", _cost(tried)
@@ -98,15 +98,15 @@ def _could_be_better(tried: Tried) -> str:
         if equipment not in tried.promise:
             continue
         smallest = tried.promise[equipment].smallest
-        told = []
+        phrases = []
         for t, target in enumerate(tried.best.targets):
             drive = int(np.argmax(smallest[:, t]))
             error, limit = float(smallest[drive, t]), _limit(tried, t)
             beyond = f", above the limit of {with_unit(limit, target.unit)}" if error > limit else ""
             where = words(tried.study.drives[drive].name)
-            told.append(f"{with_unit(error, target.unit)} in the {target.words} ({where}{beyond})")
+            phrases.append(f"{with_unit(error, target.unit)} in the {target.words} ({where}{beyond})")
         sensors = f"{Remedy(equipment=equipment).measures} in addition" if equipment else "the study's own sensors"
-        parts.append(f"with {sensors} {listed(told)}")
+        parts.append(f"with {sensors} {listed(phrases)}")
     if not parts:
         return ""
     return (
@@ -151,16 +151,16 @@ def _need(remedy: Remedy, tried: Tried) -> str:
 
 def _poor_drives(tried: Tried, equipment: Equipment | None, names: Sequence[str]) -> list[str]:
     """Return the drives that hardly tell some of the parameters named."""
-    left = tried.promise[equipment].left[:, [tried.drivers.index(n) for n in names]].max(axis=1)
+    remaining = tried.promise[equipment].remaining[:, [tried.drivers.index(n) for n in names]].max(axis=1)
     drives = [words(d.name) for d in tried.study.drives]
-    return [n for n, share in zip(drives, left, strict=True) if share > _NOTHING_LEARNT]
+    return [n for n, share in zip(drives, remaining, strict=True) if share > _NOTHING_LEARNT]
 
 
 def _without(tried: Tried) -> str:
     """Say what the study's own sensors could tell at best."""
     if None not in tried.promise:
         return "What its sensors could tell was not computed."
-    worst = tried.promise[None].left.max(axis=1)
+    worst = tried.promise[None].remaining.max(axis=1)
     poor = _poor_drives(tried, None, tried.drivers)
     text = (
         f"With the study's own sensors {percent(float(np.median(worst)))} of the first uncertainty is left at best in "

@@ -53,7 +53,7 @@ class Remedy:
         considered: Parameters whose uncertainty is reckoned with.
         banked: Parameters over whose values a bank of filters runs (estimator ``imm``), each estimating the others.
         equipment: What is measured, ``None`` for what the study has.
-        known: Parameters that the belief has right, which nobody can do: what a remedy is measured against.
+        ideal_parameters: Parameters that the belief has right, which nobody can do: what a remedy is measured against.
         tuned: Whether the noise believed is tuned for the worst case.
         adapted: Filter that stands in place of the estimator, one of ``adapted``; empty for none.
         amended: Whether the belief is the plant's model, what the remedies of a trace are measured against.
@@ -63,7 +63,7 @@ class Remedy:
     considered: tuple[str, ...] = ()
     banked: tuple[str, ...] = ()
     equipment: Equipment | None = None
-    known: tuple[str, ...] = ()
+    ideal_parameters: tuple[str, ...] = ()
     tuned: bool = False
     adapted: str = ""
     amended: bool = False
@@ -81,9 +81,9 @@ class Remedy:
     @property
     def does(self) -> str:
         """What is done with parameters, in words."""
-        return self.told()
+        return self.phrase()
 
-    def told(self, drivers: Sequence[str] = ()) -> str:
+    def phrase(self, drivers: Sequence[str] = ()) -> str:
         """Say what is done with parameters, where all of those that drive the error are meant in short.
 
         Args:
@@ -93,7 +93,7 @@ class Remedy:
             "estimate": self.estimated,
             "consider": self.considered,
             "run a bank of filters over": self.banked,
-            "know": self.known,
+            "know": self.ideal_parameters,
         }
         parts = [f"{verb} {_these(names, drivers)}" for verb, names in named.items() if names]
         parts += ["tune for the worst case"] if self.tuned else []
@@ -107,7 +107,7 @@ class Remedy:
         parts = [f"estimate-{'-'.join(self.estimated)}"] if self.estimated else []
         parts += [f"consider-{'-'.join(self.considered)}"] if self.considered else []
         parts += [f"bank-{'-'.join(self.banked)}"] if self.banked else []
-        parts += [f"know-{'-'.join(self.known)}"] if self.known else []
+        parts += [f"know-{'-'.join(self.ideal_parameters)}"] if self.ideal_parameters else []
         parts += ["tune-for-the-worst-case"] if self.tuned else []
         parts += [self.adapted.replace("_", "-")] if self.adapted else []
         parts += ["amended"] if self.amended else []
@@ -117,11 +117,11 @@ class Remedy:
     @property
     def words(self) -> str:
         """What it does, as the report calls it."""
-        return self.told_with_sensors()
+        return self.phrase_with_sensors()
 
-    def told_with_sensors(self, drivers: Sequence[str] = ()) -> str:
-        """Say what it does and measures; ``drivers`` as in ``told``."""
-        does = self.told(drivers)
+    def phrase_with_sensors(self, drivers: Sequence[str] = ()) -> str:
+        """Say what it does and measures; ``drivers`` as in ``phrase``."""
+        does = self.phrase(drivers)
         if self.equipment is None:
             return does
         sensors = listed([words(s) for s in self.equipment.sources])
@@ -147,12 +147,12 @@ MOST_BANKED = 3
 
 def parameters(study: Study) -> list[FactorSpec]:
     """Return the factors of the first design that a belief could be unsure of: no noise, and nothing only believed."""
-    known = set(study.belief.model().parameter_names) | set(loading_parameters(study.belief.vehicle))
+    names = set(study.belief.model().parameter_names) | set(loading_parameters(study.belief.vehicle))
     uncertain = {s.name for s in study.belief.parameter_states}
     return [
         f
         for f in study.designs[0].factors
-        if f.parameter in known - uncertain and f.parameter not in NOISE_SCALES and f.of == "plant"
+        if f.parameter in names - uncertain and f.parameter not in NOISE_SCALES and f.of == "plant"
     ]
 
 
@@ -168,13 +168,13 @@ def hypotheses(factors: Sequence[FactorSpec]) -> dict[str, list[float]]:
     A hypothesis stands for all values that are nearer to it than to another one; together they stand for the range, in
     parts of one ratio where values are positive, else of one size.
     """
-    found = {}
+    grids = {}
     for f in factors:
         low, high = float(np.min(f.lower)), float(np.max(f.upper))
         middles = (np.arange(VALUES) + 0.5) / VALUES
         values = low * (high / low) ** middles if low > 0 else low + (high - low) * middles
-        found[f.parameter] = [float(v) for v in values]
-    return found
+        grids[f.parameter] = [float(v) for v in values]
+    return grids
 
 
 def equipments(study: Study) -> list[Equipment]:
@@ -187,14 +187,14 @@ def equipments(study: Study) -> list[Equipment]:
         if set(own.values()) < set(SENSORS.load(s).OUTPUTS.values())
     ]
     unknown = study.belief.unknown_inputs
-    found = []
+    larger = []
     for name in sets:
         further = tuple(s for o, s in SENSORS.load(name).OUTPUTS.items() if s not in own.values())
-        for left in dict.fromkeys((unknown, ())):
-            inputs = tuple(n for n in unknown if n not in left)
+        for unmeasured in dict.fromkeys((unknown, ())):
+            inputs = tuple(n for n in unknown if n not in unmeasured)
             if further or inputs:
-                found.append(Equipment(name, left, (*further, *inputs), inputs))
-    return found
+                larger.append(Equipment(name, unmeasured, (*further, *inputs), inputs))
+    return larger
 
 
 def applied(study: Study, remedy: Remedy, estimator: str, tuning: Path | None = None) -> Study:
@@ -238,7 +238,7 @@ def applied(study: Study, remedy: Remedy, estimator: str, tuning: Path | None = 
         content["belief"]["values"] = content["plant"].get("values", {})
     kept = [d for i, d in enumerate(raw.design) if i == 0 or d.sampling == "tolerance"]
     content["design"] = [d.model_dump(exclude_unset=True, exclude_none=True) for d in kept]
-    for factor in (f for d in content["design"] for f in d.get("factor", []) if f["parameter"] in remedy.known):
+    for factor in (f for d in content["design"] for f in d.get("factor", []) if f["parameter"] in remedy.ideal_parameters):
         factor["of"] = "both"
     is_tuned = any(e.noise for e in study.estimators if e.name == estimator)
     for key in ("history", "report", *(() if is_tuned else ("tuning",))):

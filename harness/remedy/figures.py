@@ -32,7 +32,7 @@ def boxes(tried: Tried) -> bytes:
     """Draw the boxes of the best remedies, of the study as it is, and with the parameters known, by target."""
     first = tried.outcomes[0]
     order = in_order(tried)[:MOST_DRAWN]
-    shown = [*order, *([first] if first not in order else []), *([tried.known] if tried.known else [])]
+    shown = [*order, *([first] if first not in order else []), *([tried.ideal] if tried.ideal else [])]
     names = [first.targets[t].words for t in first.boxes]
     looks = style.looks(names)
     labels = [textwrap.wrap(_label(o, tried), _WIDTH) for o in shown]
@@ -60,8 +60,8 @@ def boxes(tried: Tried) -> bytes:
 
 
 def _label(o: Outcome, tried: Tried) -> str:
-    told = o.remedy.told_with_sensors(tried.drivers)
-    return f"to take: {told}" if o is tried.best and o is not tried.outcomes[0] else told
+    label = o.remedy.phrase_with_sensors(tried.drivers)
+    return f"to take: {label}" if o is tried.best and o is not tried.outcomes[0] else label
 
 
 def levels(tried: Tried) -> bytes:
@@ -70,11 +70,11 @@ def levels(tried: Tried) -> bytes:
     bare = [o for o in tried.outcomes if not o.remedy.added and o is not first]
     chosen = {AS_IT_IS.words: first}
     if bare:
-        one = min(bare, key=lambda o: harm(o, first))
-        chosen[f"without a further sensor: {one.remedy.told(tried.drivers)}"] = one
-    chosen[f"to take: {tried.best.remedy.told_with_sensors(tried.drivers)}"] = tried.best
-    if tried.known:
-        chosen["the same, parameters known"] = tried.known
+        taken = min(bare, key=lambda o: harm(o, first))
+        chosen[f"without a further sensor: {taken.remedy.phrase(tried.drivers)}"] = taken
+    chosen[f"to take: {tried.best.remedy.phrase_with_sensors(tried.drivers)}"] = tried.best
+    if tried.ideal:
+        chosen["the same, parameters known"] = tried.ideal
     looks = style.looks(list(chosen))
     with style.drawing():
         fig = style.figure(1.1 + 2.2 * len(first.targets))

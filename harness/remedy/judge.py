@@ -65,18 +65,18 @@ class Outcome:
     step_time: float
 
 
-def judged(remedy: Remedy, study: Study, found: StudyResults, step_time: float) -> Outcome:
+def judged(remedy: Remedy, study: Study, results: StudyResults, step_time: float) -> Outcome:
     """Return what came of a remedy by the results of its study."""
-    design = found.designs[0]
+    design = results.designs[0]
     wanted = [t for t, q in enumerate(design.targets) if q.name not in study.belief.estimated_parameters]
     compared = design.compared()
     errors = design.errors[wanted, :, 0]
     medians = _median(errors.reshape(*errors.shape[:2], -1))
-    nested = next((d for d in found.designs if d.sampling == "tolerance"), None)
+    nested = next((d for d in results.designs if d.sampling == "tolerance"), None)
     nominal = np.full(len(wanted), np.nan) if design.matched is None else medians[:, design.matched]
     boxes: dict[int, Tolerance] = {}
     if nested is not None:
-        boxes = {t: one for (t, _), one in tolerances(nested, study.limits).items() if t in wanted}
+        boxes = {t: tolerance for (t, _), tolerance in tolerances(nested, study.limits).items() if t in wanted}
         if design.matched is None:
             nominal = _median(nested.errors[wanted, 0, 0, :, 0].reshape(len(wanted), -1))
     nees, consistent = _consistency(design)
@@ -101,17 +101,17 @@ def judged(remedy: Remedy, study: Study, found: StudyResults, step_time: float) 
 def _median(errors: Floats) -> Floats:
     """Return the median over the last axis of what is there; infinite where nothing is."""
     nothing = np.isnan(errors).all(axis=-1, keepdims=True)
-    found: Floats = np.nanmedian(np.where(nothing, np.inf, errors), axis=-1)
-    return found
+    medians: Floats = np.nanmedian(np.where(nothing, np.inf, errors), axis=-1)
+    return medians
 
 
 def _consistency(design: Design) -> tuple[float, float]:
     averages = design.per_run("nees")
-    known = averages[np.isfinite(averages)]
-    if not known.size or design.state_dimension < 1:
+    finite = averages[np.isfinite(averages)]
+    if not finite.size or design.state_dimension < 1:
         return float("nan"), float("nan")
     highest = statistics.average_bounds(design.state_dimension, 1.0)[1]
-    return float(np.median(known)) / design.state_dimension, float(np.mean(known <= highest))
+    return float(np.median(finite)) / design.state_dimension, float(np.mean(finite <= highest))
 
 
 def harm(outcome: Outcome, first: Outcome) -> float:

@@ -26,18 +26,18 @@ class Promise:
     """What an equipment promises, the parameters being as unknown as a study varies them.
 
     Attributes:
-        left: Share of the first deviation that is left of each parameter at best after each drive
+        remaining: Share of the first deviation that is left of each parameter at best after each drive
             ``(drive, parameter)``.
         smallest: Smallest RMSE of each target along each drive, in report units ``(drive, target)``.
     """
 
-    left: Floats
+    remaining: Floats
     smallest: Floats
 
     @property
     def share(self) -> float:
         """What is left of the parameters: the geometric mean over them, in the median over drives."""
-        return float(np.median(np.exp(np.mean(np.log(np.maximum(self.left, 1e-12)), axis=1))))
+        return float(np.median(np.exp(np.mean(np.log(np.maximum(self.remaining, 1e-12)), axis=1))))
 
 
 def promises(
@@ -51,7 +51,7 @@ def promises(
         drivers: Parameters that drive the error.
         equipments: Larger ones; ``None``, the study's own, is always asked about.
     """
-    found: dict[Equipment | None, Promise] = {}
+    promised: dict[Equipment | None, Promise] = {}
     impossible: dict[str, str] = {}
     for equipment in (None, *equipments):
         remedy = Remedy(estimated=tuple(drivers), equipment=equipment)
@@ -60,8 +60,8 @@ def promises(
         except UserError as error:
             impossible[remedy.words] = str(error)
             continue
-        found[equipment] = Promise(_left(changed, drivers), _smallest(changed))
-    return found, impossible
+        promised[equipment] = Promise(_left(changed, drivers), _smallest(changed))
+    return promised, impossible
 
 
 def _left(study: Study, drivers: Sequence[str]) -> Floats:

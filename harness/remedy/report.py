@@ -117,24 +117,24 @@ def _drivers(tried: Tried) -> str:
 
 def _answer(tried: Tried) -> list[Block]:
     first = tried.outcomes[0]
-    found: list[Block] = [Heading("Answer"), Prose(strong(answer(tried)))]
+    blocks: list[Block] = [Heading("Answer"), Prose(strong(answer(tried)))]
     if first.boxes:
         caption = "How far all factors may drift together before a drive exceeds its limit, the remedy to take first"
         more = len(tried.outcomes) - figures.MOST_DRAWN
         caption += f"; {more} more stand in the table." if more > 0 else "."
-        found.append(Drawing(partial(figures.boxes, tried), caption, "Box that each remedy tolerates"))
+        blocks.append(Drawing(partial(figures.boxes, tried), caption, "Box that each remedy tolerates"))
     elif len(first.levels) > 1:
         caption = (
             "Median RMSE at each level, lost runs counted as infinitely wrong (no point); grey: the vehicle is as "
             "believed."
         )
-        found.append(Drawing(partial(figures.levels, tried), caption, "Median error of remedies over the levels"))
-    told = Bullets([f"{strong(head)} {plain(text)}" for head, text in further(tried)])
-    return [*found, told, _table(tried), _further_table(tried)]
+        blocks.append(Drawing(partial(figures.levels, tried), caption, "Median error of remedies over the levels"))
+    bullets = Bullets([f"{strong(head)} {plain(text)}" for head, text in further(tried)])
+    return [*blocks, bullets, _table(tried), _further_table(tried)]
 
 
 def _rows(tried: Tried) -> list[Outcome]:
-    return [*figures.in_order(tried), *([tried.known] if tried.known else [])]
+    return [*figures.in_order(tried), *([tried.ideal] if tried.ideal else [])]
 
 
 def _table(tried: Tried) -> Sheet:
@@ -149,7 +149,7 @@ def _table(tried: Tried) -> Sheet:
         cost = nominal_cost(o, first)
         rows.append(
             [
-                o.remedy.told_with_sensors(tried.drivers),
+                o.remedy.phrase_with_sensors(tried.drivers),
                 *(percent(o.boxes[t].box) if t in o.boxes else "–" for t in first.boxes),
                 *(_against(o, first, t) for t in range(len(o.targets))),
                 times(cost) if np.isfinite(cost) or np.isinf(cost) else "–",
@@ -162,7 +162,7 @@ def _table(tried: Tried) -> Sheet:
     box = "Box: how far all factors may drift together, of the way to the edges. " if first.boxes else ""
     caption = (
         "The remedies on the same points, drives and noise, the one to take first"
-        + (f"; last, {ideal}. " if tried.known else ". ")
+        + (f"; last, {ideal}. " if tried.ideal else ". ")
         + f"{box}Errors: median RMSE{level}, lost runs counted as infinitely wrong (∞), and over that as it is. As "
         "believed: the error where the vehicle is as believed, over that as it is. Runs consistent: those whose "
         "average NEES is below its 95 % bound. Time: in the study's lanes, over that as it is."
@@ -185,7 +185,7 @@ def _further_table(tried: Tried) -> Sheet:
     header += ["runs lost", "NEES", "states"]
     rows = [
         [
-            o.remedy.told_with_sensors(tried.drivers),
+            o.remedy.phrase_with_sensors(tried.drivers),
             *(_error(v) for v in o.worst),
             *(percent(o.boxes[t].typical) if t in o.boxes else "–" for t in first.boxes),
             percent(o.lost),
@@ -217,22 +217,22 @@ def _error(value: float) -> str:
 
 def _levels(tried: Tried) -> list[Block]:
     first = tried.outcomes[0]
-    shown = [*tried.outcomes, *([tried.known] if tried.known else [])]
-    found: list[Block] = [Heading("How large are the errors at every level?")]
+    shown = [*tried.outcomes, *([tried.ideal] if tried.ideal else [])]
+    blocks: list[Block] = [Heading("How large are the errors at every level?")]
     for t, q in enumerate(first.targets):
-        rows = [[o.remedy.told_with_sensors(tried.drivers), *(_error(v) for v in o.medians[t])] for o in shown]
-        found.append(Sheet(["remedy", *first.levels], rows, f"Median RMSE of {q.words}{in_unit(q.unit)}."))
-    return found
+        rows = [[o.remedy.phrase_with_sensors(tried.drivers), *(_error(v) for v in o.medians[t])] for o in shown]
+        blocks.append(Sheet(["remedy", *first.levels], rows, f"Median RMSE of {q.words}{in_unit(q.unit)}."))
+    return blocks
 
 
 def _promise(tried: Tried) -> list[Block]:
     """Say what the best estimator could know of the parameters, by equipment and drive."""
-    known = {f.parameter: f for f in parameters_of(tried.study)}
+    factors = {f.parameter: f for f in parameters_of(tried.study)}
     drives = [d.name for d in tried.study.drives]
     rows = []
     for equipment, promise in tried.promise.items():
         for d, name in enumerate(tried.drivers):
-            factor = known[name]
+            factor = factors[name]
             shown = quantity(name, factor.unit) if name in SIGNALS else None
             scale, unit = (shown.scale, shown.unit) if shown else (1.0, factor.unit)
             added = Remedy(equipment=equipment).measures
@@ -242,7 +242,7 @@ def _promise(tried: Tried) -> list[Block]:
                     added if d == 0 else "",
                     f"{words(name)}{in_unit(unit)}",
                     number(first),
-                    *(number(first * v) for v in promise.left[:, d]),
+                    *(number(first * v) for v in promise.remaining[:, d]),
                 ]
             )
     text = (
@@ -290,7 +290,7 @@ def _made(tried: Tried, command: str) -> list[Block]:
         f"names; harness report writes its report. {BELIEF} is the belief of the remedy to take, a parameter file that "
         f"[belief] parameters of a study and harness estimate --parameters take; {STUDY} is its study."
     )
-    rows = [[o.remedy.words, o.remedy.slug] for o in (*tried.outcomes, *([tried.known] if tried.known else []))]
+    rows = [[o.remedy.words, o.remedy.slug] for o in (*tried.outcomes, *([tried.ideal] if tried.ideal else []))]
     return [
         Heading("How was this made?"),
         Prose(plain(text)),

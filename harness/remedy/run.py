@@ -58,7 +58,7 @@ class Tried:
         drivers: The parameters that drive the error, the strongest first.
         outcomes: Of every remedy, the study as it is first.
         best: The one to take.
-        known: As with it, but the drivers are known; ``None`` where that cannot be had.
+        ideal: As with it, but the drivers are known; ``None`` where that cannot be had.
         cycle: Median time of a step in a cycle of its own, one run, in s, as it is and with the remedy to take; NaN
             where the system has no clock for it.
         slower: How many times longer a step in lanes takes with the remedy to take than as it is, and than with its
@@ -74,7 +74,7 @@ class Tried:
     drivers: tuple[str, ...]
     outcomes: list[Outcome]
     best: Outcome
-    known: Outcome | None
+    ideal: Outcome | None
     cycle: tuple[float, float]
     slower: tuple[float, float]
     promise: dict[Equipment | None, Promise]
@@ -120,13 +120,13 @@ def try_remedies(
         plan = _against_effects(study, name, most) if is_traced else _plan(study, name, out, most, console)
         outcomes = [first, *_all(attempt, plan.further, console, plan.impossible)]
         outcomes += _more_estimated(attempt, outcomes, plan, console)
-        one = best(outcomes, first).remedy
-        tuned = replace(one, tuned=True)
-        if tunable and not one.banked and tuned not in plan.further:
+        leading = best(outcomes, first).remedy
+        tuned = replace(leading, tuned=True)
+        if tunable and not leading.banked and tuned not in plan.further:
             outcomes += _all(attempt, [tuned], console, plan.impossible)
         chosen = best(outcomes, first)
-        ideal = Remedy(amended=True) if is_traced else Remedy(known=plan.drivers)
-        known = _all(attempt, [replace(ideal, equipment=chosen.remedy.equipment)], console, {})
+        ideal = Remedy(amended=True) if is_traced else Remedy(ideal_parameters=plan.drivers)
+        attempted = _all(attempt, [replace(ideal, equipment=chosen.remedy.equipment)], console, {})
         with showing(console, "timing single steps"):
             cycle = step_in_cycle(first.study), step_in_cycle(chosen.study)
             alone = Remedy(equipment=chosen.remedy.equipment)
@@ -138,7 +138,7 @@ def try_remedies(
         drivers=plan.drivers,
         outcomes=outcomes,
         best=chosen,
-        known=known[0] if known else None,
+        ideal=attempted[0] if attempted else None,
         cycle=cycle,
         slower=(steps[0] / steps[1], steps[0] / steps[2] if plain else float("nan")),
         promise=plan.promise,
@@ -191,15 +191,15 @@ def _more_estimated(
 
     All together may be worse than some: what a drive does not tell apart is put down to the wrong one.
     """
-    first, found = outcomes[0], []
+    first, gained = outcomes[0], []
     for equipment in dict.fromkeys(o.remedy.equipment for o in outcomes):
         taken = next((o for o in outcomes if o.remedy == Remedy(equipment=equipment)), first)
         tried = [o for o in outcomes if o.remedy == Remedy(estimated=o.remedy.estimated[:1], equipment=equipment)]
         while tried and harm(better := min(tried, key=lambda o: harm(o, first)), first) < harm(taken, first):
             taken = better
             tried = _all(attempt, choices.enlarged(taken.remedy, plan.drivers, plan.banks), console, plan.impossible)
-            found += tried
-    return found
+            gained += tried
+    return gained
 
 
 def _kind(study: Study, estimator: str) -> str:
@@ -208,17 +208,17 @@ def _kind(study: Study, estimator: str) -> str:
 
 def _all(attempt: partial[Outcome], further: Sequence[Remedy], console: Console, lost: dict[str, str]) -> list[Outcome]:
     """Try remedies, and note those that are not possible."""
-    found = []
+    outcomes = []
     for number, remedy in enumerate(further, 1):
         console.print(Text(f"{remedy.words} ({number} of {len(further)} more)", style="bold"), soft_wrap=True)
         try:
-            found.append(attempt(remedy))
+            outcomes.append(attempt(remedy))
         except (UserError, ModelError) as error:
             if "run.lock" in str(error) or "--restart" in str(error):
                 raise
             lost[remedy.words] = str(error)
             console.print(Text(f"not possible: {error}", style="yellow"), soft_wrap=True)
-    return found
+    return outcomes
 
 
 def _estimator(study: Study, asked: str | None) -> str:
@@ -258,8 +258,8 @@ def _tuned(
     if restart or not path.is_file():
         bare = choices.applied(study, replace(remedy, tuned=False), estimator)
         with showing(console, "tuning for the worst case"):
-            found = tune_for_worst_case(bare, bare.designs[0], CANDIDATES, weights=(1.0,), jobs=jobs)
-        write_worst_case(path, bare, bare.designs[0], CANDIDATES, POINTS, found, "harness remedy")
+            tuned = tune_for_worst_case(bare, bare.designs[0], CANDIDATES, weights=(1.0,), jobs=jobs)
+        write_worst_case(path, bare, bare.designs[0], CANDIDATES, POINTS, tuned, "harness remedy")
     return path
 
 
@@ -299,15 +299,15 @@ def _drivers(design: Design, names: Sequence[str]) -> list[str]:
         return list(names)
     ranking, strength = Ranking(design, 0), dict.fromkeys(names, 0.0)
     for per_estimator in ranking.errors:
-        for found in (f for f in per_estimator if f is not None):
+        for indices in (f for f in per_estimator if f is not None):
             for name in names:
-                strength[name] = max(strength[name], found.total[factors.index(name)].value)
+                strength[name] = max(strength[name], indices.total[factors.index(name)].value)
     some = [n for n in names if strength[n] >= DRIVES_THE_ERROR]
     return sorted(some, key=lambda n: -strength[n])
 
 
 def _of_use(study: Study) -> tuple[list[Equipment], list[Equipment]]:
     """Return larger equipments, and apart from them those that measure a target, which ask for no estimator."""
-    found = choices.equipments(study)
-    measuring = [e for e in found if set(e.added) & set(study.targets)]
-    return [e for e in found if e not in measuring], measuring
+    equipments = choices.equipments(study)
+    measuring = [e for e in equipments if set(e.added) & set(study.targets)]
+    return [e for e in equipments if e not in measuring], measuring

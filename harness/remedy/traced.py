@@ -34,13 +34,13 @@ def traced_study(study: Study, folder: Path) -> Study:
         table[side]["parameters"] = str(path.resolve())
     table["name"] += f"-{folder.name}"
     table["design"] = [{"name": "traced", "repeats": REPEATS}]
-    found = build_study(table, study.path)
-    if times := change_times(found.plant, found):
+    changed = build_study(table, study.path)
+    if times := change_times(changed.plant, changed):
         table["plant"]["values"] = times
-        found = build_study(table, study.path)
-    if not named(found):
+        changed = build_study(table, study.path)
+    if not named(changed):
         raise UserError(f"--trace {folder}: its amended model has no effect that the nominal one lacks")
-    return found
+    return changed
 
 
 def named(study: Study) -> list[str]:

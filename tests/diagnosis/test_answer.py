@@ -98,7 +98,7 @@ def test_what_is_named_of_something_unresolved_is_a_part_of_it():
 
 def test_a_value_by_an_implausible_factor_is_no_explanation():
     mass = parameter_coordinate(Parameter("mass", "m", "kg", 1.0, 1e6, ""), 0, 24_000.0, 0.2, 1.0)
-    coordinate = replace(mass, known=mass.prior)
+    coordinate = replace(mass, stated_std=mass.prior)
     point = SimpleNamespace(value=lambda c: 10 * 24_000.0)
     trace = SimpleNamespace(
         added=(MANY,),

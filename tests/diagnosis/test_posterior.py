@@ -268,7 +268,7 @@ def test_the_odds_of_a_kind_are_shared_and_places_share_those_of_their_effect(au
 
 def test_a_stated_value_off_by_a_factor_costs_by_its_prior():
     mass = Hypothesis("mass", "parameter", ("mass",))
-    c = Coordinate("mass", "parameter", (0,), math.log(1000.0), math.log(10.0), math.log(1e5), True, "kg", known=0.2)
+    c = Coordinate("mass", "parameter", (0,), math.log(1000.0), math.log(10.0), math.log(1e5), True, "kg", stated_std=0.2)
     fitted = SimpleNamespace(coordinates=(c,), point=SimpleNamespace(value=lambda _: 1800.0))
     assert log_size(fitted, (mass,)) == pytest.approx(-0.5 * (math.log(1.8) / 0.2) ** 2)
     assert log_size(fitted, (Hypothesis("lag", "effect", ("mass",)),)) == 0.0
@@ -297,8 +297,8 @@ def test_some_of_many_implausible_values_stand_for_something_unlisted():
     """The odds are a ratio of integrals over the values, here by quadrature; what is open says nothing."""
     many = Hypothesis(ALL_PARAMETERS, "parameter", ("mass", "length"))
     grip = Coordinate("grip", "parameter", (0,), 0.0, -9.0, 9.0, True, "")
-    mass = Coordinate("mass", "parameter", (1,), 0.0, -9.0, 9.0, True, "kg", prior=0.2, known=0.2)
-    length = Coordinate("length", "parameter", (2,), 0.0, -9.0, 9.0, True, "m", prior=0.01, known=0.01)
+    mass = Coordinate("mass", "parameter", (1,), 0.0, -9.0, 9.0, True, "kg", prior=0.2, stated_std=0.2)
+    length = Coordinate("length", "parameter", (2,), 0.0, -9.0, 9.0, True, "m", prior=0.01, stated_std=0.01)
     data = np.array([[400.0, 90.0, 0.0], [90.0, 150.0, 0.0], [0.0, 0.0, 0.0]])
     of_mass = 150.0 - 90.0**2 / 400.0
 

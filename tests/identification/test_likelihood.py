@@ -118,7 +118,7 @@ def entangled(correlation, known=np.inf):
     """Return the verdict on each of three parameters that are all known to a hundredth, two of them correlated."""
     search = Search(problem_of(5, FREE, 5.0), QUICK)
     space = search.coordinates.with_coordinates(
-        [dataclasses.replace(c, known=known, prior=np.inf) for c in search.coordinates.coordinates]
+        [dataclasses.replace(c, stated_std=known, prior=np.inf) for c in search.coordinates.coordinates]
     )
     information = 1e4 * np.eye(len(space))
     inverse = np.array([[1.0, correlation], [correlation, 1.0]]) * 1e-4

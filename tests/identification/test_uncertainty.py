@@ -37,7 +37,7 @@ class Space:
     lower: np.ndarray
     upper: np.ndarray
     weight: np.ndarray = field(default_factory=lambda: np.zeros(2))
-    coordinates: tuple = (SimpleNamespace(known=np.inf),) * 2
+    coordinates: tuple = (SimpleNamespace(stated_std=np.inf),) * 2
 
     def __len__(self):
         return 2

@@ -72,7 +72,7 @@ def test_a_remedy_changes_the_belief_and_leaves_drives_noise_and_points():
     assert (after.seed, after.designs) == (before.seed, before.designs)
     assert [(d.name, d.kind, d.options) for d in after.drives] == [(d.name, d.kind, d.options) for d in before.drives]
     assert [e.name for e in after.estimators] == ["UKF"]
-    assert choices.applied(before, Remedy(known=("trailer_mass",)), "EKF").designs[0].factors[0].of == "both"
+    assert choices.applied(before, Remedy(ideal_parameters=("trailer_mass",)), "EKF").designs[0].factors[0].of == "both"
 
 
 def test_a_bank_is_spread_over_what_the_study_varies():
@@ -205,10 +205,10 @@ def test_runs_of_a_vehicle_out_of_control_are_not_the_estimators(tmp_path):
 def test_all_that_drives_the_error_is_told_in_short():
     sensor = Equipment("series", (), ("steering_wheel_angle",), ("steering_wheel_angle",))
     remedy = Remedy(estimated=("trailer_mass", "friction"), equipment=sensor)
-    assert remedy.told_with_sensors(("friction", "trailer_mass")) == "estimate both, with steering wheel angle"
+    assert remedy.phrase_with_sensors(("friction", "trailer_mass")) == "estimate both, with steering wheel angle"
     assert remedy.words == "estimate the trailer mass and friction, with steering wheel angle"
-    assert Remedy(considered=("a", "b", "c")).told(("a", "b", "c")) == "consider all three"
-    assert Remedy(considered=("a",)).told(("a",)) == "consider the a"
+    assert Remedy(considered=("a", "b", "c")).phrase(("a", "b", "c")) == "consider all three"
+    assert Remedy(considered=("a",)).phrase(("a",)) == "consider the a"
 
 
 def test_one_more_parameter_is_estimated_as_long_as_that_gains():
@@ -298,7 +298,7 @@ def test_finding_the_mass_with_the_steering_measured_is_found_to_help(tried):
     assert ("trailer_mass",) in (remedy.estimated, remedy.banked)
     assert "steering_wheel_angle" in remedy.added
     assert remedy.words in answer(found)
-    assert found.known.medians.max() <= found.best.medians.max() < found.outcomes[0].medians.max()
+    assert found.ideal.medians.max() <= found.best.medians.max() < found.outcomes[0].medians.max()
 
 
 @pytest.mark.proof  # eight models are compiled

@@ -190,9 +190,9 @@ class Fitting:
                     z = _along(objective, z, together)
             most = turns * iterations
             share = _SLOW if turns == 1 else 0.0
-            found = maximise(objective, z, every, most, ENOUGH, 3 * ENOUGH, share, least, variances=~parameters)
-            ended = found.hopeless or found.stuck or found.predicted < 10 * ENOUGH
-            return found, ended
+            maximum = maximise(objective, z, every, most, ENOUGH, 3 * ENOUGH, share, least, variances=~parameters)
+            ended = maximum.hopeless or maximum.stuck or maximum.predicted < 10 * ENOUGH
+            return maximum, ended
 
         return self._driveable(coordinates, start, search)
 
@@ -200,8 +200,8 @@ class Fitting:
         """Fit some parameters and leave the noise as it is; to where a step gains but a share of all before it."""
 
         def search(objective: LogPosterior, z: Floats, parameters: Mask) -> tuple[Maximum, bool]:
-            found = maximise(objective, z, parameters, iterations, ENOUGH, ENOUGH, share)
-            return found, found.predicted < ENOUGH
+            maximum = maximise(objective, z, parameters, iterations, ENOUGH, ENOUGH, share)
+            return maximum, maximum.predicted < ENOUGH
 
         return self._driveable(coordinates, start, search)
 
@@ -211,20 +211,20 @@ class Fitting:
         Most never come near one, so that is looked at where the search ends, and at every step only if it has to be.
         """
         objective, z, parameters = self._objective(coordinates, start)
-        found = self._fitted(coordinates, objective, *search(objective, z, parameters))
-        if self.admits(found.point) or not self.admits(start):
-            return found
+        fitted = self._fitted(coordinates, objective, *search(objective, z, parameters))
+        if self.admits(fitted.point) or not self.admits(start):
+            return fitted
         objective.driveable = self.driveable
         return self._fitted(coordinates, objective, *search(objective, z, parameters))
 
     def _fitted(
-        self, coordinates: tuple[Coordinate, ...], objective: LogPosterior, found: Maximum, ended: bool
+        self, coordinates: tuple[Coordinate, ...], objective: LogPosterior, maximum: Maximum, ended: bool
     ) -> Fitted:
         space, n = objective.coordinates, len(coordinates)
-        values = np.column_stack([space.candidates(found.z, i).values for i in self._range])
-        process, measurement = np.split(found.z[n:].copy(), [self._groups])
-        likelihood = found.value + float(space.penalty(found.z))
-        return Fitted(coordinates, Point(values, process, measurement), likelihood, found.value, ended)
+        values = np.column_stack([space.candidates(maximum.z, i).values for i in self._range])
+        process, measurement = np.split(maximum.z[n:].copy(), [self._groups])
+        likelihood = maximum.value + float(space.penalty(maximum.z))
+        return Fitted(coordinates, Point(values, process, measurement), likelihood, maximum.value, ended)
 
     def log_likelihood(self, point: Point) -> float:
         """Return the log-likelihood of all drives at a point."""
@@ -344,14 +344,14 @@ class KeptFits:
         key = self._key(fitting, moved, start, how)
         file = self.folder / f"{key}.npz"
         kept = _read(file, moved)
-        found = kept or fitting.fit(moved, start, *how)
+        fitted = kept or fitting.fit(moved, start, *how)
         if kept is None:
-            self._write(file, found)
+            self._write(file, fitted)
         with self._counting:
             self.taken += kept is not None and key not in self._met
             self.written += kept is None
             self._met.add(key)
-        return found
+        return fitted
 
     def _key(self, fitting: Fitting, moved: Sequence[Coordinate], start: Point, how: How) -> str:
         if id(fitting) not in self._basis:
@@ -368,11 +368,11 @@ class KeptFits:
             total.update(np.ascontiguousarray(part).tobytes())
         return total.hexdigest()[:32]
 
-    def _write(self, file: Path, found: Fitted) -> None:
-        numbers = np.array([found.log_likelihood, found.objective, found.ended])
+    def _write(self, file: Path, fitted: Fitted) -> None:
+        numbers = np.array([fitted.log_likelihood, fitted.objective, fitted.ended])
         try:
             file.parent.mkdir(parents=True, exist_ok=True)
-            point = found.point
+            point = fitted.point
             with places.unfinished(file, file.with_suffix(".part").name) as stream:
                 np.savez(stream, point.values, point.process, point.measurement, numbers)
         except OSError as error:

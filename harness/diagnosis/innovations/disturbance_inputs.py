@@ -71,15 +71,15 @@ class DisturbanceInput:
 
     def direction(self, augmented: AugmentedModel) -> Floats:
         """Return the direction in the space of parameters ``(np,)``."""
-        found = np.zeros(len(augmented.names))
+        direction = np.zeros(len(augmented.names))
         for name, share in self.parameters.items():
-            found[augmented.row(name)] = share
-        return found
+            direction[augmented.row(name)] = share
+        return direction
 
 
 def disturbance_inputs_of(augmented: AugmentedModel) -> tuple[DisturbanceInput, ...]:
     """Return every disturbance input of a model: its state equations first, then what it publishes."""
-    found = [
+    inputs = [
         DisturbanceInput(f"d/dt {s}", "equation", _per_second(SIGNALS[s].unit), (s,)) for s in augmented.nominal.states
     ]
     ports: dict[tuple[str, ...], DisturbanceInput] = {}
@@ -90,7 +90,7 @@ def disturbance_inputs_of(augmented: AugmentedModel) -> tuple[DisturbanceInput, 
     coupling = _coupling(augmented, ports)
     if coupling is not None:
         ports[coupling.ports] = coupling
-    return (*found, *ports.values())
+    return (*inputs, *ports.values())
 
 
 def _per_second(unit: str) -> str:
@@ -100,40 +100,40 @@ def _per_second(unit: str) -> str:
 def _of_effect(augmented: AugmentedModel, h: Hypothesis) -> list[DisturbanceInput]:
     spec = augmented.spec
     model = assembled(spec.vehicle, spec.tyre, (*spec.effects, h.name), spec.sensors)
-    known = {p.name: p for p in model.parameters}
-    found = []
+    parameters = {p.name: p for p in model.parameters}
+    inputs = []
     for name in h.amplitudes:
         ports = _changed_by(model, name)
         if ports:
             sensor = all(p.startswith("sensor_") for p in ports)
             shapes = {s: float(augmented.stated()[augmented.row(s)]) for s in h.shapes}
-            found.append(
+            inputs.append(
                 DisturbanceInput(
                     _joined([p.removeprefix("sensor_") for p in ports]) if sensor else _joined(ports),
                     "sensor" if sensor else "port",
-                    known[name].unit,
+                    parameters[name].unit,
                     ports,
                     {name: 1.0},
                     h.change_times[:1],
                     h.change_times[1:],
                     shapes,
-                    max(abs(known[name].lower), abs(known[name].upper)),
+                    max(abs(parameters[name].lower), abs(parameters[name].upper)),
                 )
             )
-    return found
+    return inputs
 
 
 def _changed_by(model: Model, name: str) -> tuple[str, ...]:
     """Return the ports that a parameter changes; none if how much depends on what the vehicle does."""
     moving = {symbol(n) for n in (*model.states, *model.inputs, *model.ports)} - {symbol("time")}
-    amplitude, found = symbol(name), []
+    amplitude, ports = symbol(name), []
     for port, expr in model.ports.items():
         if amplitude in expr.free_symbols:
             slope = sp.diff(expr, amplitude)
             if slope.free_symbols & moving:
                 return ()
-            found.append(port)
-    return tuple(found)
+            ports.append(port)
+    return tuple(ports)
 
 
 def _joined(ports: list[str] | tuple[str, ...]) -> str:

@@ -62,12 +62,12 @@ class InnovationModel:
 
     def responses(self, input_direction: InputDirection, disturbances: Floats) -> Floats:
         """Return how disturbances ``(samples, n)`` move the whitened innovations ``(samples, ny, n)``."""
-        found = np.empty((*self.residual.shape, disturbances.shape[1]))
-        self.write_responses(input_direction, disturbances, found)
-        return found
+        responses = np.empty((*self.residual.shape, disturbances.shape[1]))
+        self.write_responses(input_direction, disturbances, responses)
+        return responses
 
     def write_responses(
-        self, input_direction: InputDirection, disturbances: Floats, found: Floats | NDArray[np.float32]
+        self, input_direction: InputDirection, disturbances: Floats, responses: Floats | NDArray[np.float32]
     ) -> None:
         """Write what ``responses`` returns, in the precision of what is written to."""
         samples, n = disturbances.shape
@@ -79,7 +79,7 @@ class InnovationModel:
             begin = max(int(part.any(axis=1).argmax()), 1)
             moved[:begin] = 0.0
             _loops().respond(*parts, part, begin, moved)
-            found[:, :, s : s + width] = moved[:, :, :width]
+            responses[:, :, s : s + width] = moved[:, :, :width]
 
     def adjoint(self, residual: Floats) -> Floats:
         """Return the derivative of the log-likelihood to the state before every sample ``(samples, n)``.
@@ -87,9 +87,9 @@ class InnovationModel:
         Args:
             residual: Whitened innovations ``(samples, ny)``.
         """
-        found = np.zeros(self.transition.shape[:2])
-        _loops().pull_back(self.transition, self.output, residual, found)
-        return found
+        adjoint = np.zeros(self.transition.shape[:2])
+        _loops().pull_back(self.transition, self.output, residual, adjoint)
+        return adjoint
 
     def gains(self, input_direction: InputDirection, time_constant: float, deviations: Floats) -> Floats:
         """Return what a Gauss-Markov disturbance gains in log-likelihood for standard deviations ``(LANES,)``."""
@@ -105,10 +105,10 @@ class InnovationModel:
         notes = _notes(samples, ny, self.output.shape[2])
         decay = self._decay(time_constant)
         self._track(input_direction, decay, np.full(LANES, deviation**2), notes)
-        found, error = np.empty(samples), np.empty(samples)
+        mean, error = np.empty(samples), np.empty(samples)
         parts = (self.transition, self.output, input_direction.entry, input_direction.direct)
-        _loops().smooth(*parts, decay, notes, found, error)
-        return found, error
+        _loops().smooth(*parts, decay, notes, mean, error)
+        return mean, error
 
     def _decay(self, time_constant: float) -> float:
         return float(np.exp(-self.step / time_constant))
@@ -181,8 +181,8 @@ class Linearisation:
             directions = np.ascontiguousarray(moved[:, columns])
             constants = self._compiled.constants(both)
             self._tangents(drive.inputs, drive.between, constants, states, directions, rows, *parts)
-            for found, part in zip((ahead, outputs), parts, strict=True):
-                found[:, :, s : s + LANES] = part[:, :, : n - s]
+            for whole, part in zip((ahead, outputs), parts, strict=True):
+                whole[:, :, s : s + LANES] = part[:, :, : n - s]
         return ahead, outputs
 
 
@@ -231,8 +231,8 @@ class Linearised:
     @functools.cached_property
     def _correction(self) -> Floats:
         """What an innovation changes of the next state ``(samples, n, ny)``."""
-        found: Floats = self.transition @ self.gain
-        return found
+        correction: Floats = self.transition @ self.gain
+        return correction
 
     def raw(self, disturbance_inputs: Sequence[DisturbanceInput]) -> tuple[Floats, Floats]:
         """Return how channels move the next state ``(samples, nx, n)`` and the outputs ``(samples, ny, n)``."""
@@ -263,8 +263,8 @@ class Linearised:
             values: Parameters, for each direction ``(np,)``.
             parameters: Directions, ``(np,)`` each.
         """
-        left = [self.augmented.left_of_delays(v[:, None])[:, 0] for v in values]
-        return self._along_parameters(left, parameters, self.active)
+        shifted = [self.augmented.without_delays(v[:, None])[:, 0] for v in values]
+        return self._along_parameters(shifted, parameters, self.active)
 
     def _along_parameters(
         self, values: Sequence[Floats], parameters: Sequence[Floats], rows: NDArray[np.intp]

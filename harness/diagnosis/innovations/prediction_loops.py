@@ -44,7 +44,7 @@ def predict_ahead(inputs, y, constants, linear, noise, means, rows, horizons, fa
         (np.zeros((NY, NY, LANES)), np.zeros((NY, NY, LANES)), np.empty((NY, NY, LANES))),
         (np.empty((n, NY, LANES)), np.zeros((n, NY, LANES)), np.empty((n, NY, LANES))),
     )
-    (w, u, since, found), (x, x_prior, predicted, e), (P, P_prior, T), (S, factor, D), (V, E, W) = borrowed(owned)
+    (w, u, since, weighed), (x, x_prior, predicted, e), (P, P_prior, T), (S, factor, D), (V, E, W) = borrowed(owned)
     inputs, y, constants, linear, noise, means = borrowed((inputs, y, constants, linear, noise, means))
     A, H, K, moving, seen = linear
     first, Q, R, errors, spread = noise
@@ -61,9 +61,9 @@ def predict_ahead(inputs, y, constants, linear, noise, means, rows, horizons, fa
         seen_errors(errors[k], far, rows[1], Q, P_prior, E, D)
         innovate(H[k], seen, P_prior, E, D, R, spread[k], far, y[k], predicted, V, S, e)
         correct(K[k], rows[1], P_prior, V, S, W, P)
-        weigh(S, factor, e, y[k], found)
+        weigh(S, factor, e, y[k], weighed)
         for lane in range(LANES):
-            densities[k, lane], squares[k, lane] = found[0, lane], found[1, lane]
+            densities[k, lane], squares[k, lane] = weighed[0, lane], weighed[1, lane]
         count = get(since, 0) + 1.0
         again = count >= get(horizons, 0)
         put(select(again, 0.0, count), since, 0)
@@ -155,7 +155,7 @@ def innovate(H, columns, P, E, D, R, spread, far, y, predicted, V, S, e):
             put(total, S, a, b)
 
 
-def weigh(S, factor, e, y, found):
+def weigh(S, factor, e, y, weighed):
     """Write the log density of innovations and their normalised square ``(2, LANES)``."""
     cholesky(S, factor, NY)
     density, square = splat(0.0), splat(0.0)
@@ -168,8 +168,8 @@ def weigh(S, factor, e, y, found):
         if not np.isnan(y[a]):
             square = square + rest * rest
             density = density - 0.5 * (1.8378770664093453 + rest * rest) - log(get(factor, a, a))
-    put(density, found, 0)
-    put(square, found, 1)
+    put(density, weighed, 0)
+    put(square, weighed, 1)
 
 
 def begin_again(again, mean, rows, x_prior, P_prior, x, P):
@@ -193,10 +193,10 @@ def begin_again(again, mean, rows, x_prior, P_prior, x, P):
         put(splat(mean[i]) if bias else select(again, splat(mean[i]), get(x_prior, i)), x, i)
     for i in range(n):
         for j in range(n):
-            one, other = (i >= rows[0]) & (i < rows[1]), (j >= rows[0]) & (j < rows[1])
+            row_held, column_held = (i >= rows[0]) & (i < rows[1]), (j >= rows[0]) & (j < rows[1])
             going = get(P_prior, i, j)
-            if one and other:
+            if row_held and column_held:
                 going = splat(P[i, j, 0])
-            elif one or other:
+            elif row_held or column_held:
                 going = splat(0.0)
             put(select(again, splat(P[i, j, 0]), going), P, i, j)

@@ -56,7 +56,7 @@ def tangents(u, between, constants, states, directions, rows, ahead, outputs):
     retain(owned)
 
 
-def respond(F, C, g, c, disturbance, begin, found):
+def respond(F, C, g, c, disturbance, begin, response):
     """Write how eight disturbances ``(samples, LANES)``, zero before a sample, move whitened innovations from there on.
 
     These are ``(samples, ny, LANES)``.
@@ -69,7 +69,7 @@ def respond(F, C, g, c, disturbance, begin, found):
             total = c[k, a] * d
             for i in range(n):
                 total = total + C[k, a, i] * get(z, i)
-            put(total, found, k, a)
+            put(total, response, k, a)
         for i in range(n):
             total = g[k, i] * d
             for j in range(n):
@@ -216,8 +216,8 @@ def smooth(F, C, g, c, decay, notes, smoothed, deviation):
                 for j in range(n + 1):
                     information[i, j] += back * h[i] * h[j] - h[i] * v[j] - v[i] * h[j]
         smoothed[k] = mean[k] - covariance[k] @ adjoint
-        left = covariance[k, n] - covariance[k] @ information @ covariance[k]
-        deviation[k] = np.sqrt(max(left, 0.0))
+        variance = covariance[k, n] - covariance[k] @ information @ covariance[k]
+        deviation[k] = np.sqrt(max(variance, 0.0))
     smoothed[0], deviation[0] = smoothed[1], deviation[1]
 
 

@@ -124,9 +124,9 @@ class AugmentedModel(FilteredModel):
             effects=drive.effects[:, :, :0],
         )
         run = self.run(unseen, replace(stated, values=values[:, None], process=np.zeros_like(stated.process)))
-        found = np.maximum(run.deviation**2 - stated.measurement[:, 0], 0.0)
-        found[0] = found[1]
-        return found
+        variance = np.maximum(run.deviation**2 - stated.measurement[:, 0], 0.0)
+        variance[0] = variance[1]
+        return variance
 
     def _moves_in(self, values: Floats) -> bool:
         return any(np.any(values[row] != 0) for row in self._intensities)
@@ -238,18 +238,18 @@ class AugmentedModel(FilteredModel):
         at, along = for_each(points, drives), for_each(directions, drives)
         moves = np.any([np.delete(d.values, [*self._intensities], axis=0).any(axis=0) for d in along], axis=0)
         of_mean, of_noise = [*np.flatnonzero(moves)], [*np.flatnonzero(~moves)]
-        found = super().slopes(drives, at, [d.take(of_mean) for d in along])
+        of_mean_slopes = super().slopes(drives, at, [d.take(of_mean) for d in along])
         if not of_noise:
-            return found
+            return of_mean_slopes
         kept = self.runs(drives, at)
         parts = self.share(
             lambda i: self._noise_slopes(drives[i], at[i], along[i].take(of_noise), kept[i]), range(len(drives))
         )
         gradient, information = np.zeros(len(moves)), np.zeros((len(moves), len(moves)))
-        gradient[of_mean], information[np.ix_(of_mean, of_mean)] = found.gradient, found.information
+        gradient[of_mean], information[np.ix_(of_mean, of_mean)] = of_mean_slopes.gradient, of_mean_slopes.information
         gradient[of_noise] = np.sum([g for g, _ in parts], axis=0)
         information[np.ix_(of_noise, of_noise)] = np.sum([i for _, i in parts], axis=0)
-        return Slopes(found.log_likelihood, gradient, information)
+        return Slopes(of_mean_slopes.log_likelihood, gradient, information)
 
     def _noise_slopes(
         self, drive: Drive, point: Candidates, directions: Candidates, kept: FilterRun
@@ -262,12 +262,12 @@ class AugmentedModel(FilteredModel):
         state[0] = self.first_state(drive, point.values[:, 0])
         drive, values = self.read_ahead(drive, point.values)
         filter_ = self._filter_of(values)
-        vehicle, known = len(self.nominal.states), filter_.model.states
-        process, first = (np.zeros((len(known), directions.count)) for _ in range(2))
+        vehicle, states = len(self.nominal.states), filter_.model.states
+        process, first = (np.zeros((len(states), directions.count)) for _ in range(2))
         process[:vehicle] = directions.process
         for row, name in self._intensities.items():
-            if name in known and values[row, 0] != 0:
-                share, i = 2.0 * directions.values[row] / values[row, 0], known.index(name)
+            if name in states and values[row, 0] != 0:
+                share, i = 2.0 * directions.values[row] / values[row, 0], states.index(name)
                 process[i] = share * filter_.model.noise[name] * self.spec.step
                 first[i] = share * drive.first_variance[i]
         constants = filter_.compiled.constants(np.repeat(values[filter_.rows], LANES, axis=1))
@@ -308,9 +308,9 @@ class _Filter:
         self.noise_slopes = NoiseSlopes(self.compiled, self.inputs)
 
 
-def _of_states(effects: Floats, nx: int, known: int) -> Floats:
-    """Return what the errors of the inputs do to the first ``nx`` of ``known`` states and to the outputs."""
-    return effects if nx == known else np.concatenate([effects[:, :nx], effects[:, known:]], axis=1)
+def _of_states(effects: Floats, nx: int, count: int) -> Floats:
+    """Return what the errors of the inputs do to the first ``nx`` of ``count`` states and to the outputs."""
+    return effects if nx == count else np.concatenate([effects[:, :nx], effects[:, count:]], axis=1)
 
 
 def _first(model: Model, states: Sequence[str]) -> Model:
@@ -327,7 +327,7 @@ def addable_effects(spec: ModelSpec, available: set[str], excluded: frozenset[st
     the random processes of a part of the vehicle or of a sensor that is no gyroscope: every gyroscope has a bias that
     wanders, and every road a bank; what else may be one is looked for behind the search (``random_process``).
     """
-    found, without = [], excluded | {split(e)[0] for e in spec.effects}
+    effects, without = [], excluded | {split(e)[0] for e in spec.effects}
     for name in placements(spec.vehicle, spec.tyre, spec.sensors):
         file, place = split(name)
         seldom = _is_random(name) and place is not None and not (place in SIGNALS and SIGNALS[place].unit == "rad/s")
@@ -336,8 +336,8 @@ def addable_effects(spec: ModelSpec, available: set[str], excluded: frozenset[st
         model = assembled(spec.vehicle, spec.tyre, (*spec.effects, name), spec.sensors)
         needed = {model.rates.get(i, i) for i in model.inputs} - {"time"}
         if needed <= available:
-            found.append(name)
-    return tuple(found)
+            effects.append(name)
+    return tuple(effects)
 
 
 def _is_random(name: str) -> bool:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from harness.engine.kernel_names import NY, get, put, splat
 
 
-def congruence(A, columns, P, T, found):
+def congruence(A, columns, P, T, product):
     """Write ``A P A'``; ``columns`` of each row of ``A`` may differ from zero, then -1 ``(n, n + 1)``."""
     n = A.shape[0]
     for i in range(n):
@@ -28,8 +28,8 @@ def congruence(A, columns, P, T, found):
                 if c < 0:
                     break
                 total = total + get(T, i, c) * A[j, c]
-            put(total, found, i, j)
-            put(total, found, j, i)
+            put(total, product, i, j)
+            put(total, product, j, i)
 
 
 def correct(K, corrected, P_prior, V, S, W, P):

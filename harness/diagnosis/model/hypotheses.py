@@ -100,28 +100,28 @@ def hypotheses(augmented: AugmentedModel, free: Sequence[str]) -> tuple[Hypothes
     of one logger drift together or not at all.
     """
     fixed = [p for p in augmented.nominal.parameters if p.name not in free and p.lower < p.upper and not p.numerical]
-    found = [Hypothesis(p.name, "parameter", (p.name,)) for p in fixed]
-    found.append(
+    tried = [Hypothesis(p.name, "parameter", (p.name,)) for p in fixed]
+    tried.append(
         Hypothesis(
             ALL_PARAMETERS, "parameter", tuple(p.name for p in fixed if math.isfinite(augmented.stated_std(p.name)))
         )
     )
     everywhere: dict[str, list[Hypothesis]] = {}
     for name in augmented.placements:
-        one = _effect(augmented, name)
-        found.append(one)
+        effect = _effect(augmented, name)
+        tried.append(effect)
         if place_of(load_effect(name)) in ("tyre", "body"):
-            everywhere.setdefault(split(name)[0], []).append(one)
+            everywhere.setdefault(split(name)[0], []).append(effect)
     processes = [replace(_effect(augmented, name), random=True) for name in augmented.processes]
-    found += processes
-    found += [_together(file, parts) for file, parts in everywhere.items() if len(parts) > 1]
-    late = [h for h in found if h.clock]
+    tried += processes
+    tried += [_together(file, parts) for file, parts in everywhere.items() if len(parts) > 1]
+    late = [h for h in tried if h.clock]
     if len(late) > 1:
-        found.append(replace(_together(CHANNEL_DELAYS, late), parts=tuple(late)))
+        tried.append(replace(_together(CHANNEL_DELAYS, late), parts=tuple(late)))
     drifts = [h for h in processes if h.of_recording]
     if len(drifts) > 1:
-        found.append(replace(_together(SENSOR_DRIFTS, drifts), parts=tuple(drifts), random=True))
-    return tuple(found)
+        tried.append(replace(_together(SENSOR_DRIFTS, drifts), parts=tuple(drifts), random=True))
+    return tuple(tried)
 
 
 def still_open(h: Hypothesis, taken: Container[str]) -> Hypothesis | None:
@@ -134,13 +134,13 @@ def still_open(h: Hypothesis, taken: Container[str]) -> Hypothesis | None:
 def _effect(augmented: AugmentedModel, name: str) -> Hypothesis:
     place = split(name)[1] or ""
     declared = [parameter_at(p, place) for p in load_effect(name).PARAMETERS]
-    known = [p for p in declared if p.name in augmented.names]
+    parameters = [p for p in declared if p.name in augmented.names]
     return Hypothesis(
         name,
         "effect",
-        tuple(p.name for p in known if p.neutral is not None),
-        tuple(p.name for p in known if p.neutral is None and not p.per_drive),
-        tuple(p.name for p in known if p.per_drive),
+        tuple(p.name for p in parameters if p.neutral is not None),
+        tuple(p.name for p in parameters if p.neutral is None and not p.per_drive),
+        tuple(p.name for p in parameters if p.per_drive),
         _only_output(augmented, name),
     )
 
@@ -168,7 +168,7 @@ def coordinates(
     free: Sequence[str],
     added: Sequence[Hypothesis],
     drives: int,
-    known: Mapping[str, float] | None = None,
+    stated: Mapping[str, float] | None = None,
 ) -> tuple[Coordinate, ...]:
     """Return what a fit moves: the free parameters of the nominal model and those of the hypotheses added to it.
 
@@ -177,15 +177,15 @@ def coordinates(
         free: Parameters of the nominal model that are fitted in any case.
         added: What is added to it.
         drives: Number of drives.
-        known: Standard deviation with which a free parameter is known beforehand; those that are absent have no prior.
+        stated: Standard deviation with which a free parameter is known beforehand; those that are absent have no prior.
     """
     plain = [h for h in added if not h.random]
     alone = dict.fromkeys([*free, *(n for h in plain if h.name != ALL_PARAMETERS for n in h.shared)])
-    known = known or {}
+    stated = stated or {}
     many = dict.fromkeys(n for h in added if h.name == ALL_PARAMETERS for n in h.shared if n not in alone)
     change_times = dict.fromkeys(n for h in added for n in h.change_times)
     return (
-        *(_coordinate(model, name, std=known.get(name, math.inf) if name in free else math.inf) for name in alone),
+        *(_coordinate(model, name, std=stated.get(name, math.inf) if name in free else math.inf) for name in alone),
         *(_in_question(model, name) for name in many),
         *(_coordinate(model, name, drives=(i,)) for name in change_times for i in range(drives)),
         *(_intensity(model, n) for h in added if h.random for n in h.amplitudes),
@@ -199,7 +199,7 @@ def _intensity(model: AugmentedModel, name: str) -> Coordinate:
 
 def _in_question(model: AugmentedModel, name: str) -> Coordinate:
     c = _coordinate(model, name)
-    return replace(c, prior=c.known)
+    return replace(c, prior=c.stated_std)
 
 
 def _coordinate(model: AugmentedModel, name: str, drives: tuple[int, ...] = (), std: float = math.inf) -> Coordinate:
@@ -208,5 +208,5 @@ def _coordinate(model: AugmentedModel, name: str, drives: tuple[int, ...] = (), 
     value, scale = model.spec.values.get(name, p.lower), 0.1 * max(abs(p.lower), abs(p.upper))
     lower, upper = model.bounds(name)
     c = parameter_coordinate(replace(p, lower=lower, upper=upper), row, value, math.inf, scale, drives)
-    known = c.known_to(model.stated_std(name)).prior
-    return replace(c if math.isinf(std) else c.known_to(std), known=known)
+    prior = c.known_to(model.stated_std(name)).prior
+    return replace(c if math.isinf(std) else c.known_to(std), stated_std=prior)

@@ -101,7 +101,7 @@ def vary_noise(linear, columns, gain, whitening, whitened, directions, rows):
     retain(owned)
 
 
-def times(A, columns, x, found):
+def times(A, columns, x, product):
     """Write ``A x``; ``columns`` of each row of ``A`` may differ from zero, then -1."""
     for i in range(A.shape[0]):
         total = splat(0.0)
@@ -110,7 +110,7 @@ def times(A, columns, x, found):
             if j < 0:
                 break
             total = total + A[i, j] * get(x, j)
-        put(total, found, i)
+        put(total, product, i)
 
 
 def keep(whitening, e, S, U, rows):

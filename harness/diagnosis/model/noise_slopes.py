@@ -57,12 +57,12 @@ class NoiseSlopes:
         for s in range(0, n, SINGLES):
             lanes = [min(j, n - 1) for j in range(s, s + SINGLES)]
             moved = tuple(_singles(part[:, lanes]) for part in (directions.process, directions.measurement, first))
-            found = np.zeros((len(r), ny + ny * (ny + 1) // 2, SINGLES), np.float32)
-            self._vary(linear, columns, *passed, moved, found)
-            rows.append(found.reshape(-1, SINGLES))
+            changes = np.zeros((len(r), ny + ny * (ny + 1) // 2, SINGLES), np.float32)
+            self._vary(linear, columns, *passed, moved, changes)
+            rows.append(changes.reshape(-1, SINGLES))
         pull = _singles(_pull(r)).reshape(-1)
         gradient = np.concatenate([part.T @ pull for part in rows]).astype(float)
-        information = np.block([[one.T @ other for other in rows] for one in rows]).astype(float)
+        information = np.block([[row.T @ column for column in rows] for row in rows]).astype(float)
         return gradient[:n], information[:n, :n]
 
     def _linear(self, drive: Drive, constants: Floats, states: Floats) -> tuple[Floats, Floats]:
@@ -96,7 +96,7 @@ def _in_blocks(values: Floats) -> Floats:
 def nonzero_columns(matrices: Floats) -> NDArray[np.int_]:
     """Return the columns of matrices ``(samples, rows, n)`` that are not always zero, then -1 ``(rows, n + 1)``."""
     rows, n = matrices.shape[1:]
-    found = np.full((rows, n + 1), -1)
-    for row, there in zip(found, (matrices != 0.0).any(axis=0), strict=True):
+    columns = np.full((rows, n + 1), -1)
+    for row, there in zip(columns, (matrices != 0.0).any(axis=0), strict=True):
         row[: there.sum()] = np.flatnonzero(there)
-    return found
+    return columns

@@ -108,8 +108,8 @@ def filter_whole(u, between, nominal, y, errors, constants, nominal_constants, Q
             if errors.shape[2] > 0:
                 keep_gain(work[0], y_now, k, notes)
         put(get(total, 0) + get(info.log_likelihood, 0), total, 0)
-        left = get(total, 1)
-        put(select((beyond(x, valid[0], valid[1]) > 0.0) & (left > 1.0 * k), 1.0 * k, left), total, 1)
+        valid_until = get(total, 1)
+        put(select((beyond(x, valid[0], valid[1]) > 0.0) & (valid_until > 1.0 * k), 1.0 * k, valid_until), total, 1)
     retain(owned)
 
 

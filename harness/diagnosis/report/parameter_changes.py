@@ -26,14 +26,14 @@ def answer(changes: Changes, outcome: Outcome, before: ModelSpec) -> str:
         outcome: What was traced from the model with the likeliest of them.
         before: The model as it was before the change.
     """
-    found, added = changes.found, outcome.trace.added
-    if found is None and not added:
+    change, added = changes.found, outcome.trace.added
+    if change is None and not added:
         return outcome.answer
     sentences = []
-    if found is not None:
+    if change is not None:
         sentences = [
-            _sentence(found.parameter.name, found.stated, found.value, found.std, found.parameter.unit),
-            f"Of all single parameters it explains these drives best.{gap(changes.before, found.held_out)}",
+            _sentence(change.parameter.name, change.stated, change.value, change.std, change.parameter.unit),
+            f"Of all single parameters it explains these drives best.{gap(changes.before, change.held_out)}",
         ]
     for h in added:
         if h.name == ALL_PARAMETERS:
@@ -47,8 +47,8 @@ def answer(changes: Changes, outcome: Outcome, before: ModelSpec) -> str:
 
 
 def _capital(name: str) -> str:
-    said = words(name)
-    return said[:1].upper() + said[1:]
+    text = words(name)
+    return text[:1].upper() + text[1:]
 
 
 def _sentence(name: str, was: float, now: float, spread: float, unit: str) -> str:

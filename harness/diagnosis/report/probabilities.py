@@ -34,9 +34,9 @@ def called(name: str) -> str:
     return f"{words(effect)}, {words(place)}" if place else words(effect)
 
 
-def ranking(found: Round, number: int) -> bytes:
+def ranking(selection_round: Round, number: int) -> bytes:
     """Return the gain of each of the best hypotheses of a round: predicted by the score test, or fitted."""
-    shown = sorted(found.candidates, key=lambda c: c.bic, reverse=True)[:SHOWN]
+    shown = sorted(selection_round.candidates, key=lambda c: c.bic, reverse=True)[:SHOWN]
     # Compared with a model that leaves its range every gain is infinite: drawn to the edge.
     end = 2.0 * max([BIC_NEEDED, *(c.bic for c in shown if math.isfinite(c.bic))])
     predicted, fitted = style.looks(["predicted", "fitted"]).values()
@@ -69,23 +69,23 @@ _LEAST = 0.01
 
 def likely(outcome: Outcome) -> list[str]:
     """Return the likeliest explanations with their probabilities, if one of them is right, and that of none of them."""
-    found = outcome.posterior
-    if found is None:
+    posterior = outcome.posterior
+    if posterior is None:
         return []
-    chosen = [m for m in found.models if m.share >= _LEAST]
+    chosen = [m for m in posterior.models if m.share >= _LEAST]
     shown, others = (chosen[:_SHOWN], chosen[_SHOWN:]) if len(chosen) > _SHOWN + 1 else (chosen, [])
-    given_one = 1.0 / (1.0 - found.none) if 0.5 < found.none < 1.0 else 1.0
+    given_one = 1.0 / (1.0 - posterior.none) if 0.5 < posterior.none < 1.0 else 1.0
     lines = [f"{in_words(given_one * m.probability)}: {_explained(outcome.trace, m, shown[0])}" for m in shown]
     if others:
         rest = given_one * sum(m.probability for m in others)
         lines.append(f"{in_words(rest)}: one of {len(others)} others")
-    own = found.model_with(outcome.trace.added)
+    own = posterior.model_with(outcome.trace.added)
     if own is not None and own not in shown:
         lines.append(f"{in_words(given_one * own.probability)}: what the search added; its criteria differ")
-    beside = "something else is there, in place of them or beside them"
-    if found.none > 0.5:
-        return [f"{in_words(found.none)}: none of the following; {beside}", *(f"if one is right, {s}" for s in lines)]
-    return [*lines, f"{in_words(found.none)}: none of these; {beside}"] if found.none >= _LEAST else lines
+    otherwise = "something else is there, in place of them or beside them"
+    if posterior.none > 0.5:
+        return [f"{in_words(posterior.none)}: none of the following; {otherwise}", *(f"if one is right, {s}" for s in lines)]
+    return [*lines, f"{in_words(posterior.none)}: none of these; {otherwise}"] if posterior.none >= _LEAST else lines
 
 
 def _explained(trace: Trace, m: ComparedModel, first: ComparedModel) -> str:
@@ -98,7 +98,7 @@ def _explained(trace: Trace, m: ComparedModel, first: ComparedModel) -> str:
     def sized(added: Sequence[Alike]) -> str:
         return listed([_one(trace, m, alike, errors) for alike in added])
 
-    (more, less) = ([a for a in one.added if a not in other.added] for one, other in ((m, first), (first, m)))
+    (more, less) = ([a for a in these.added if a not in those.added] for these, those in ((m, first), (first, m)))
     if m is first or len(more) + len(less) >= len(m.added):
         return sized(m.added)
     if not less:
@@ -121,8 +121,8 @@ def _sized(trace: Trace, m: ComparedModel, h: Hypothesis, errors: dict[str, floa
     augmented = trace.fitting.augmented
     row = augmented.row(name)
     value, std = float(m.fitted.point.values[row, 0]), errors.get(name, math.inf)
-    found = "found " if h.kind == "parameter" else ""
-    return f"{_name(h)} ({found}{_measured(name, value, std, augmented.model.parameters[row].unit)})"
+    prefix = "found " if h.kind == "parameter" else ""
+    return f"{_name(h)} ({prefix}{_measured(name, value, std, augmented.model.parameters[row].unit)})"
 
 
 def _name(h: Hypothesis) -> str:

@@ -118,8 +118,8 @@ def _found(outcome: Outcome) -> list[Block]:
     if rows:
         blocks.append(Sheet(header, rows, "What was added, in the order in which it was found.", left=3))
     else:
-        said = "Many parameters changed together, none of them by more than three standard errors."
-        blocks.append(Prose(plain(said)))
+        sentence = "Many parameters changed together, none of them by more than three standard errors."
+        blocks.append(Prose(plain(sentence)))
     for h in (h for h in outcome.added if h.kind == "effect"):
         for port, text in equation(h, outcome).items():
             before, after = (_breakable(text[k]) for k in ("before", "after"))
@@ -191,11 +191,11 @@ def _excitation(outcome: Outcome) -> list[Block]:
         for name, error in zip(c.hypothesis.amplitudes, c.score.error, strict=True):
             least, unit = scaled(name, 3 * error, parameters[name].unit)
             rows.append([called(c.hypothesis.name), words(name), unit, style.number(least)])
-    said = f"Not excited by these drives: {', '.join(hidden)}." if hidden else "These drives excite every effect."
+    sentence = f"Not excited by these drives: {', '.join(hidden)}." if hidden else "These drives excite every effect."
     caption = "Smallest size that these drives show with three standard errors, all fitted parameters free."
     return [
         Heading("Which effects could these drives have shown?"),
-        Prose(plain(said)),
+        Prose(plain(sentence)),
         Sheet(["effect", "parameter", "unit", "detectable"], rows, caption, left=3),
     ]
 
@@ -211,14 +211,14 @@ def _residual(outcome: Outcome) -> list[Block]:
             rows.append([j.drive.name, words(name), style.number(w.variance), *tests])
             if min(w.ljung_box, w.periodogram) < WHITE:
                 coloured.append(f"{words(name)} of {j.drive.name}")
-    said = (
+    sentence = (
         f"Yes: no test rejects it at {style.number(WHITE)}."
         if not coloured
         else f"No: those of {', '.join(coloured)} are coloured."
     )
     return [
         Heading("Are the innovations white?"),
-        Prose(strong(said)),
+        Prose(strong(sentence)),
         Drawing(
             lambda: fit_figures.periodograms(list(outcome.judged), outputs),
             "Cumulative periodogram of the whitened innovations of the final model, less that of white noise, with the "

@@ -70,9 +70,9 @@ def picture(plan: Plan, ranked_inputs: Sequence[RankedInput], added: Mapping[str
             if s.gain <= 0:
                 continue
             row, x = row_of(s.disturbance_input), place_of(plan, s.disturbance_input)
-            beside = taken.get((row, round(x, 1)), 0)
-            taken[row, round(x, 1)] = beside + 1
-            x += 0.055 * width * ((beside + 1) // 2) * (-1) ** beside
+            count = taken.get((row, round(x, 1)), 0)
+            taken[row, round(x, 1)] = count + 1
+            x += 0.055 * width * ((count + 1) // 2) * (-1) ** count
             if len(s.disturbance_input.ports) == 1:
                 drawn.setdefault(s.disturbance_input.ports[0], (row, x))
             axes.scatter(x, _ROWS[row], s=_LARGEST * s.gain / most, facecolor=look.tint, edgecolor=look.line, zorder=3)
@@ -92,8 +92,8 @@ def picture(plan: Plan, ranked_inputs: Sequence[RankedInput], added: Mapping[str
             Line2D([], [], ls="", marker="o", color=look.tint, mec=look.line, label="gain of a disturbance, area")
         ]
         if placed:
-            told = f"changed by {listed(list(added))}"
-            handles.append(Line2D([], [], ls="", marker="s", mfc="none", mec=frame.line, mew=1.6, label=told))
+            label = f"changed by {listed(list(added))}"
+            handles.append(Line2D([], [], ls="", marker="s", mfc="none", mec=frame.line, mew=1.6, label=label))
         style.head(fig, "Where is something missing?", handles)
         return style.svg(fig)
 
@@ -136,9 +136,9 @@ def ranking(nominal: Sequence[RankedInput], final: Sequence[RankedInput]) -> byt
         fig = style.figure(1.2 + 0.26 * len(drawn))
         axes = fig.subplots()
         at = np.arange(len(drawn))[::-1]
-        for j, (known, look) in enumerate(zip(gains, (_BEFORE, _AFTER), strict=False)):
+        for j, (gain_of, look) in enumerate(zip(gains, (_BEFORE, _AFTER), strict=False)):
             places = at + 0.36 - height * (j + 0.5)
-            widths = [known[s.disturbance_input.name] for s in drawn]
+            widths = [gain_of[s.disturbance_input.name] for s in drawn]
             axes.barh(places, widths, 0.9 * height, facecolor=look.tint, edgecolor=look.line, hatch=look.hatch)
         axes.set_yticks(at, [f"{entry(s.disturbance_input)}  {rank}" for rank, s in enumerate(drawn, 1)])
         axes.set_xlabel("gain in log-likelihood")
@@ -149,13 +149,13 @@ def ranking(nominal: Sequence[RankedInput], final: Sequence[RankedInput]) -> byt
         return style.svg(fig)
 
 
-def histories(drive: Drive, ranked_inputs: Sequence[RankedInput], found: Sequence[DisturbanceHistory]) -> bytes:
+def histories(drive: Drive, ranked_inputs: Sequence[RankedInput], disturbances: Sequence[DisturbanceHistory]) -> bytes:
     """Return the disturbance over one drive at the inputs of the largest gain, each with its 95 % band."""
     with style.drawing():
         fig = style.figure(0.8 + 1.5 * len(ranked_inputs))
         panels = fig.subplots(len(ranked_inputs), 1, sharex=True, squeeze=False)[:, 0]
         some = slice(None, None, max(1, len(drive.time) // _POINTS))
-        for axes, s, h in zip(panels, ranked_inputs, found, strict=True):
+        for axes, s, h in zip(panels, ranked_inputs, disturbances, strict=True):
             unit, scale = shown(s.disturbance_input)
             mean, half = scale * h.mean[some], 1.96 * scale * h.error[some]
             axes.fill_between(drive.time[some], mean - half, mean + half, color=_BEFORE.tint, lw=0)
@@ -169,12 +169,12 @@ def histories(drive: Drive, ranked_inputs: Sequence[RankedInput], found: Sequenc
         return style.svg(fig)
 
 
-def nis(names: Sequence[str], found: Sequence[NisOverTime]) -> bytes:
+def nis(names: Sequence[str], series: Sequence[NisOverTime]) -> bytes:
     """Return the normalised innovation squared over time with its 95 % band, a panel per drive."""
     with style.drawing():
-        fig = style.figure(0.9 + min(1.5, 7.5 / len(found)) * len(found))
-        panels = fig.subplots(len(found), 1, sharex=True, squeeze=False)[:, 0]
-        for axes, name, c in zip(panels, names, found, strict=True):
+        fig = style.figure(0.9 + min(1.5, 7.5 / len(series)) * len(series))
+        panels = fig.subplots(len(series), 1, sharex=True, squeeze=False)[:, 0]
+        for axes, name, c in zip(panels, names, series, strict=True):
             axes.fill_between(c.time, *c.band, color=style.SHADE, lw=0)
             axes.plot(c.time, c.nis, color=_AFTER.line)
             axes.set_title(f"{name}: {style.percent(c.inside)} of the samples inside their own band", loc="left")
@@ -187,21 +187,21 @@ def nis(names: Sequence[str], found: Sequence[NisOverTime]) -> bytes:
         return style.svg(fig)
 
 
-def correlations(found: CrossCorrelation, outputs: Sequence[str], regressors: Sequence[Regressor]) -> bytes:
+def correlations(correlation: CrossCorrelation, outputs: Sequence[str], regressors: Sequence[Regressor]) -> bytes:
     """Return the correlation of every innovation with the past of the signals of the largest correlations."""
-    known = np.where(np.isfinite(found.values), found.values, 0.0)  # nothing is known of a signal that overflows
-    strength = np.abs(known / found.band[:, None]).max(axis=(0, 1))
+    finite = np.where(np.isfinite(correlation.values), correlation.values, 0.0)  # nothing is known of a signal that overflows
+    strength = np.abs(finite / correlation.band[:, None]).max(axis=(0, 1))
     drawn = np.argsort(-strength)[:DRAWN]
     chosen = style.looks([regressors[j].name for j in drawn])
     with style.drawing():
         fig = style.figure(1.2 + 1.3 * len(outputs))
         panels = fig.subplots(len(outputs), 1, sharex=True, squeeze=False)[:, 0]
         for a, (axes, name) in enumerate(zip(panels, outputs, strict=True)):
-            axes.axhspan(-found.band[a], found.band[a], color=style.SHADE, lw=0)
+            axes.axhspan(-correlation.band[a], correlation.band[a], color=style.SHADE, lw=0)
             for j in drawn:
                 look = chosen[regressors[j].name]
-                axes.plot(found.lag, found.values[:, a, j], color=look.line, ls=look.dashes)
-            reach = 1.15 * max(float(np.abs(known[:, a]).max()), 2.0 * float(found.band[a]))
+                axes.plot(correlation.lag, correlation.values[:, a, j], color=look.line, ls=look.dashes)
+            reach = 1.15 * max(float(np.abs(finite[:, a]).max()), 2.0 * float(correlation.band[a]))
             axes.set_ylim(-reach, reach)
             axes.set_ylabel(words(name).replace(" ", "\n", 1))
             axes.grid(True)
@@ -214,12 +214,12 @@ def correlations(found: CrossCorrelation, outputs: Sequence[str], regressors: Se
         return style.svg(fig)
 
 
-def curves(ranking: DisturbanceRanking, found: Sequence[Curve]) -> bytes:
+def curves(ranking: DisturbanceRanking, estimated: Sequence[Curve]) -> bytes:
     """Return each curve with its 95 % band, over the disturbance that the smoother finds in the fitted drives."""
     with style.drawing():
-        fig = style.figure(0.9 + 2.1 * len(found))
-        panels = fig.subplots(len(found), 1, squeeze=False)[:, 0]
-        for axes, c in zip(panels, found, strict=True):
+        fig = style.figure(0.9 + 2.1 * len(estimated))
+        panels = fig.subplots(len(estimated), 1, squeeze=False)[:, 0]
+        for axes, c in zip(panels, estimated, strict=True):
             unit, scale = shown(c.disturbance_input)
             across, along = shown_regressor(c.regressor)
             grid = np.linspace(*c.basis.ends, 300)
@@ -239,12 +239,12 @@ def curves(ranking: DisturbanceRanking, found: Sequence[Curve]) -> bytes:
         return style.svg(fig)
 
 
-def spectra(found: Sequence[PeriodicDisturbance]) -> bytes:
+def spectra(periodic: Sequence[PeriodicDisturbance]) -> bytes:
     """Return the gain of disturbances that are periodic in the distance driven, over the wavelength, a panel each."""
     with style.drawing():
-        fig = style.figure(0.9 + 1.9 * len(found))
-        panels = fig.subplots(len(found), 1, sharex=True, squeeze=False)[:, 0]
-        for axes, t in zip(panels, found, strict=True):
+        fig = style.figure(0.9 + 1.9 * len(periodic))
+        panels = fig.subplots(len(periodic), 1, sharex=True, squeeze=False)[:, 0]
+        for axes, t in zip(panels, periodic, strict=True):
             axes.plot(t.spectrum.wavelength, t.spectrum.gain, color=_BEFORE.line, lw=0.6)
             axes.plot([t.wavelength], [t.gain], ls="", marker="v", ms=6, color=_AFTER.line)
             axes.annotate(

@@ -33,23 +33,23 @@ from harness.reporting.document import (
 
 def where(outcome: Outcome) -> list[Block]:
     """Return where an unknown disturbance would explain most, and its smoothed course."""
-    found = outcome.where
+    localisation = outcome.where
     blocks: list[Block] = [Heading("Where is something missing?")]
-    if found.nominal is None or found.final is None:
+    if localisation.nominal is None or localisation.final is None:
         return [*blocks, Prose(plain("It could not be computed."))]
-    if not found.shown:
-        said = "Nowhere: no slowly varying disturbance raises the likelihood of the drives."
-        return [*blocks, Prose(strong(said))]
-    first = found.shown[0]
+    if not localisation.shown:
+        sentence = "Nowhere: no slowly varying disturbance raises the likelihood of the drives."
+        return [*blocks, Prose(strong(sentence))]
+    first = localisation.shown[0]
     size = (
         f"with a standard deviation of {amount(first.deviation, first.disturbance_input)} and a time constant of "
         f"{style.number(first.time_constant)} s."
     )
     place = entry(first.disturbance_input)
-    said = strong(f"A disturbance of the {place} would explain most, {size}")
+    sentence = strong(f"A disturbance of the {place} would explain most, {size}")
     if outcome.verdict == "adequate":
         nothing = "Nothing is missing that these drives can show."
-        said = plain(f"{nothing} A disturbance would absorb something all the same, one of the {place} most, {size}")
+        sentence = plain(f"{nothing} A disturbance would absorb something all the same, one of the {place} most, {size}")
     caveat = (
         "An unknown Gauss-Markov disturbance is put into each equation, each published force, moment or angle and each "
         "sensor in turn. The ranking is a hint: inputs of similar effect share the gain, and a disturbance absorbs "
@@ -57,20 +57,20 @@ def where(outcome: Outcome) -> list[Block]:
     )
     title = "Gain in log-likelihood by an unknown disturbance at each input, nominal model and final one."
     blocks += [
-        Prose(said),
+        Prose(sentence),
         Prose(plain(caveat)),
         Drawing(
-            partial(residual_figures.ranking, found.nominal.ranked_inputs, found.final.ranked_inputs), title, title
+            partial(residual_figures.ranking, localisation.nominal.ranked_inputs, localisation.final.ranked_inputs), title, title
         ),
-        Section(lambda: _histories(found), "How would the disturbance look?"),
+        Section(lambda: _histories(localisation), "How would the disturbance look?"),
     ]
     return blocks
 
 
 def from_above(outcome: Outcome) -> list[Block]:
     """Return the vehicle from above, for the first page; nothing if its equations do not say where its axles stand."""
-    found, augmented = outcome.where, outcome.trace.fitting.augmented
-    if found.nominal is None or not found.shown:
+    localisation, augmented = outcome.where, outcome.trace.fitting.augmented
+    if localisation.nominal is None or not localisation.shown:
         return []
     plan = planner(augmented.nominal, VEHICLES.load(augmented.spec.vehicle)).plan(augmented.spec.values)
     if plan is None:
@@ -81,53 +81,53 @@ def from_above(outcome: Outcome) -> list[Block]:
     )
     effects = [h for h in outcome.added if h.kind == "effect"]
     added = {words(h.name.replace("@", " of ")): list(equation(h, outcome)) for h in effects}
-    draw = partial(residual_figures.picture, plan, found.nominal.ranked_inputs, added)
+    draw = partial(residual_figures.picture, plan, localisation.nominal.ranked_inputs, added)
     return [Drawing(draw, caption, "Top view of the vehicle with marks where a disturbance may act.")]
 
 
-def _histories(found: Where) -> list[Block]:
+def _histories(localisation: Where) -> list[Block]:
     """Return the disturbances over the drive in which they stand out most from their errors."""
-    assert found.nominal is not None
-    clarity = [np.mean([np.mean((h[i].mean / h[i].error.mean()) ** 2) for h in found.histories])
-               for i in range(len(found.nominal.drives))]  # fmt: skip
+    assert localisation.nominal is not None
+    clarity = [np.mean([np.mean((h[i].mean / h[i].error.mean()) ** 2) for h in localisation.histories])
+               for i in range(len(localisation.nominal.drives))]  # fmt: skip
     i = int(np.argmax(clarity))
-    drive = found.nominal.drives[i]
+    drive = localisation.nominal.drives[i]
     caption = f"Smoothed disturbance of the nominal model over {drive.name}, with its 95 % band, one input at a time."
-    draw = partial(residual_figures.histories, drive, found.shown, [h[i] for h in found.histories])
+    draw = partial(residual_figures.histories, drive, localisation.shown, [h[i] for h in localisation.histories])
     return [Drawing(draw, caption, f"Disturbances over time in {drive.name} with bands.")]
 
 
 def unmodelled(outcome: Outcome) -> list[Block]:
     """Return the disturbance that no effect of the library explains, if one was found."""
-    found = outcome.where.unmodelled
-    if found is None:
+    disturbance = outcome.where.unmodelled
+    if disturbance is None:
         return []
     blocks: list[Block] = [
         Heading("Which disturbance is not in the library?"),
-        Bullets([strong(_sentence(text)) for text in unmodelled_words(found)]),
-        Prose(plain(_study_gain(outcome, found))),
+        Bullets([strong(_sentence(text)) for text in unmodelled_words(disturbance)]),
+        Prose(plain(_study_gain(outcome, disturbance))),
     ]
-    return [*blocks, *_periodic(found), *_curves(outcome, found)]
+    return [*blocks, *_periodic(disturbance), *_curves(outcome, disturbance)]
 
 
-def _periodic(found: UnmodelledDisturbance) -> list[Block]:
-    if not found.periodic:
+def _periodic(disturbance: UnmodelledDisturbance) -> list[Block]:
+    if not disturbance.periodic:
         return []
     caption = (
         "Gain in log-likelihood of the fitted drives by a disturbance that is periodic in the distance driven, at "
         "the input where it gains most; each drive has its own phase. Mark: what was taken. A wheel turns once per "
         "circumference; a half or a third of that is one of its orders."
     )
-    draw = partial(residual_figures.spectra, found.periodic)
+    draw = partial(residual_figures.spectra, disturbance.periodic)
     return [Drawing(draw, caption, "Gain over the wavelength.")]
 
 
-def _curves(outcome: Outcome, found: UnmodelledDisturbance) -> list[Block]:
-    if not found.curves or outcome.where.final is None:
+def _curves(outcome: Outcome, disturbance: UnmodelledDisturbance) -> list[Block]:
+    if not disturbance.curves or outcome.where.final is None:
         return []
     return [
         Drawing(
-            partial(residual_figures.curves, outcome.where.final, found.curves),
+            partial(residual_figures.curves, outcome.where.final, disturbance.curves),
             "Curves fitted to the innovations of the fitted drives. Points: mean of the disturbance that the smoother "
             "estimates without the signal; it shrinks towards zero where the drives carry little information.",
             "Disturbance over the signal that it depends on, with its band.",
@@ -136,7 +136,7 @@ def _curves(outcome: Outcome, found: UnmodelledDisturbance) -> list[Block]:
             ["input", "depends on", "stability", "predicted gain"],
             [
                 [entry(c.disturbance_input), c.regressor.words, style.percent(c.stability), style.number(c.predicted)]
-                for c in found.curves
+                for c in disturbance.curves
             ],
             "Stability: share of the halves of the fitted drives in which the lasso selected the pair. "
             "Predicted gain: in log-likelihood of each fitted drive, from the curve fitted to the others.",
@@ -149,14 +149,14 @@ def _sentence(text: str) -> str:
     return f"{text[:1].upper()}{text[1:]}."
 
 
-def _study_gain(outcome: Outcome, found: UnmodelledDisturbance) -> str:
-    before, after = outcome.trace.after.normalised_excess_mse, found.judgement.normalised_excess_mse
-    moved = f"The log-likelihood of the held-out drives rises by {style.number(found.held_out_gain)}."
+def _study_gain(outcome: Outcome, disturbance: UnmodelledDisturbance) -> str:
+    before, after = outcome.trace.after.normalised_excess_mse, disturbance.judgement.normalised_excess_mse
+    moved = f"The log-likelihood of the held-out drives rises by {style.number(disturbance.held_out_gain)}."
     parts = []
-    if found.curves:
+    if disturbance.curves:
         parts.append("the curves are functions of the simulated motion and the recorded inputs, not of the measured "
                      "motion")  # fmt: skip
-    if found.periodic:
+    if disturbance.periodic:
         parts.append("what is periodic has the phase that fits the drive best")
     fed = f"In the simulation, {', and '.join(parts)}."
     if after < before:
@@ -173,18 +173,18 @@ def innovations(outcome: Outcome) -> list[Block]:
     whitened = [p.whitened for p in linear]
     checks = [consistency(p.drive.time[1:], w[1:]) for p, w in zip(linear, whitened, strict=True)]
     signals = [np.column_stack([d.over(p.states, p.drive) for d in regressors]) for p in linear]
-    found = cross_correlation([w[1:] for w in whitened], [s[1:] for s in signals], augmented.spec.step)
+    correlation = cross_correlation([w[1:] for w in whitened], [s[1:] for s in signals], augmented.spec.step)
     outputs = list(augmented.model.outputs)
-    share = np.abs(found.values / found.band[:, None])
+    share = np.abs(correlation.values / correlation.band[:, None])
     _, a, j = np.unravel_index(int(np.argmax(share)), share.shape)
-    said = (
+    sentence = (
         f"The largest correlation is that of the innovation of the {words(outputs[a])} with the past of the "
         f"{regressors[j].words}: {style.number(share.max())} times the 95 % band of white innovations."
         if share.max() > 2.0
         else "No innovation is correlated with the past of a signal by more than twice the band of white innovations."
     )
     return [
-        Prose(plain(said)),
+        Prose(plain(sentence)),
         Drawing(
             partial(residual_figures.nis, [p.drive.name for p in linear], checks),
             "Normalised innovation squared of the final model over the number of measured values, mean of a second, "
@@ -192,7 +192,7 @@ def innovations(outcome: Outcome) -> list[Block]:
             "Normalised innovation squared over time with its band.",
         ),
         Drawing(
-            partial(residual_figures.correlations, found, outputs, regressors),
+            partial(residual_figures.correlations, correlation, outputs, regressors),
             f"Correlation of the whitened innovations of the final model with signals up to {LARGEST_LAG:g} s before, "
             "all fitted drives; grey: the 95 % band of white innovations. Drawn are the signals with the largest "
             "correlations.",

@@ -52,18 +52,18 @@ def _at(study_gain: StudyGain, band: int) -> str:
 
 def _shares(study_gain: StudyGain, band: int | None) -> str:
     """Return the ratios of all targets at a level as shares, each from the best to the worst estimator."""
-    found = []
+    phrases = []
     for t, target in enumerate(study_gain.nominal.targets):
         ratios = [study_gain.gain(e, t, band).ratio for e in range(len(study_gain.nominal.estimators))]
-        known = sorted(r.value for r in ratios if np.isfinite(r.value))
-        if not known:
-            found.append(f"nothing to compare in {target.words}")
+        finite = sorted(r.value for r in ratios if np.isfinite(r.value))
+        if not finite:
+            phrases.append(f"nothing to compare in {target.words}")
             continue
-        low, high = (style.percent(share) for share in (known[0], known[-1]))
+        low, high = (style.percent(share) for share in (finite[0], finite[-1]))
         shown = any(r.upper < 1.0 or r.lower > 1.0 for r in ratios)
         share = low if low == high else f"{low.removesuffix(' %')} to {high}"
-        found.append(f"{share} in {target.words}{'' if shown else ' (no difference shown)'}")
-    return listed(found)
+        phrases.append(f"{share} in {target.words}{'' if shown else ' (no difference shown)'}")
+    return listed(phrases)
 
 
 def _explain(study_gain: StudyGain) -> str:

@@ -34,28 +34,28 @@ def answered(outcome: Outcome, answer: str = "") -> list[Block]:
         outcome: The trace, judged.
         answer: What stands before that of the trace.
     """
-    found: list[Block] = [Heading("What was found?")]
+    head: list[Block] = [Heading("What was found?")]
     if answer:
-        found += [Prose(strong(answer)), Prose(plain("Beyond that, the trace says:"))]
-    return [*found, Prose(strong(outcome.answer))]
+        head += [Prose(strong(answer)), Prose(plain("Beyond that, the trace says:"))]
+    return [*head, Prose(strong(outcome.answer))]
 
 
 def blocks(outcome: Outcome) -> list[Block]:
     """Return the table, the irregularities of the recordings, and how each round of the search ended."""
-    found: list[Block] = [Section(lambda: [_table(outcome)], "Summary")]
+    content: list[Block] = [Section(lambda: [_table(outcome)], "Summary")]
     if outcome.failures.sentences:
-        found += [
+        content += [
             Prose(plain("These parts of the result could not be made:")),
             Bullets([plain(sentence) for sentence in outcome.failures.sentences]),
         ]
     if outcome.cautions:
-        found += [Prose(plain("Take the values with care:")), Bullets([plain(c) for c in outcome.cautions])]
+        content += [Prose(plain("Take the values with care:")), Bullets([plain(c) for c in outcome.cautions])]
     if outcome.notes:
-        found += [
+        content += [
             Prose(plain("These irregularities of the recordings may look like a missing effect:")),
             Bullets([plain(note) for note in outcome.notes]),
         ]
-    return [*found, Section(lambda: _search(outcome), "How did the search go?")]
+    return [*content, Section(lambda: _search(outcome), "How did the search go?")]
 
 
 def _search(outcome: Outcome) -> list[Block]:
@@ -83,15 +83,15 @@ def _table(outcome: Outcome) -> Sheet:
 
 def _sizes(outcome: Outcome) -> list[str]:
     """Return the parameters of what was added, largest in standard errors first where they are many."""
-    stated, found = outcome.trace.fitting.augmented.spec.values, []
+    stated, sizes = outcome.trace.fitting.augmented.spec.values, []
     for h in outcome.added:
         values = outcome.values[h.name]
         if h.name == ALL_PARAMETERS:
             moved = sorted(values, key=lambda v: -abs(v.value - stated[v.name]) / v.std if v.std else 0.0)[:3]
-            found += [_instead(outcome, v) for v in moved]
+            sizes += [_instead(outcome, v) for v in moved]
             continue
-        found += [_instead(outcome, v) if v.name in stated else size(v) for v in values]
-    return found
+        sizes += [_instead(outcome, v) if v.name in stated else size(v) for v in values]
+    return sizes
 
 
 def _instead(outcome: Outcome, v: Value) -> str:
@@ -102,7 +102,7 @@ def _instead(outcome: Outcome, v: Value) -> str:
 
 def _certainty(outcome: Outcome) -> list[str]:
     """Return the evidence for each addition."""
-    found, in_force = [], {n for h in outcome.trace.added for n in h.amplitudes}
+    evidence, in_force = [], {n for h in outcome.trace.added for n in h.amplitudes}
     for r in outcome.trace.rounds:
         if r.added is None or r.added.held_out is None:
             continue
@@ -115,27 +115,27 @@ def _certainty(outcome: Outcome) -> list[str]:
         )
         if r is not outcome.trace.rounds[0]:
             text += ", both over the model with what earlier rounds had added"
-        found.append(text)
+        evidence.append(text)
     gone, instead = _replaced(outcome.trace)
     if instead:
-        found += [
+        evidence += [
             f"{called(h.name)}: takes the place of {gone}; likelier by what the held-out drives say and by what was "
             "known before, as “how likely” shows"
             for h in instead
         ]
     if (process := outcome.where.random_process) is not None:
         names = listed([called(h.name) for h in process.hypotheses])
-        found.append(
+        evidence.append(
             f"{names}: log-likelihood of a filter with it {style.number(process.gain)} "
             f"higher on the fitted drives, {style.number(process.held_out_gain)} on the held-out drives, where it "
             f"leaves {'white' if process.white else 'almost white'} innovations"
         )
-    return found
+    return evidence
 
 
 def _improvements(outcome: Outcome) -> list[str]:
     """Return how far the errors of simulation and estimators fall on the held-out drives."""
-    trace, found = outcome.trace, []
+    trace, improvements = outcome.trace, []
     if not outcome.added and outcome.where.unmodelled is None:
         return []
     outputs, after_all = list(trace.fitting.augmented.model.outputs), outcome.after.error
@@ -145,14 +145,14 @@ def _improvements(outcome: Outcome) -> list[str]:
         q = quantity(outputs[a])
         errors = trace.before.error[a], after_all[a], trace.held_out.floor[a]
         before, after, floor = (style.number(q.scale * v) for v in errors)
-        found.append(f"simulation, {q.words}: RMSE {before} to {after} {q.unit} (floor {floor})")
+        improvements.append(f"simulation, {q.words}: RMSE {before} to {after} {q.unit} (floor {floor})")
     for e in outcome.estimators:
         gained = _fall(e.before, e.after)
         a = int(np.argmax(np.where(np.isfinite(e.after) & ~np.isnan(gained), gained, -np.inf)))
         q = quantity(outputs[a])
         before, after = (style.number(q.scale * v) for v in (e.before[a], e.after[a]))
-        found.append(f"{e.kind.upper()}, {q.words} without its sensor: RMSE {before} to {after} {q.unit}")
-    return found
+        improvements.append(f"{e.kind.upper()}, {q.words} without its sensor: RMSE {before} to {after} {q.unit}")
+    return improvements
 
 
 def _fall(before: Floats, after: Floats) -> Floats:
@@ -163,13 +163,13 @@ def _fall(before: Floats, after: Floats) -> Floats:
 
 def measured_ranges(augmented: AugmentedModel) -> str:
     """Return in a sentence to what the search was held because positions have measured it; empty if to nothing."""
-    said = []
+    ranges = []
     for name in augmented.ranges:
         if name in augmented.names:
             unit = augmented.model.parameters[augmented.row(name)].unit
             (low, shown), (high, _) = (scaled(name, v, unit) for v in augmented.bounds(name))
-            said.append(f"{words(name)} from {style.number(low)} to {style.number(high)} {shown}".rstrip())
-    return f"Positions have measured these, and nothing beyond was tried: {listed(said)}." if said else ""
+            ranges.append(f"{words(name)} from {style.number(low)} to {style.number(high)} {shown}".rstrip())
+    return f"Positions have measured these, and nothing beyond was tried: {listed(ranges)}." if ranges else ""
 
 
 def _rounds(outcome: Outcome) -> list[str]:

@@ -81,28 +81,28 @@ def regressors_of(augmented: AugmentedModel) -> tuple[Regressor, ...]:
     model, column = augmented.nominal, augmented.model.inputs.index
     inputs = [n for n in model.inputs if n != "time"]
     measured = [s for s in model.states if _measured(model, s) and SIGNALS[s].unit != "N"]
-    found = [_column(n, column(n), 1) for n in inputs]
-    found += [_column(n, model.states.index(n), 0) for n in measured]
+    regressors = [_column(n, column(n), 1) for n in inputs]
+    regressors += [_column(n, model.states.index(n), 0) for n in measured]
     for n in inputs:
         if n not in model.rates and f"{n}_rate" not in inputs and n != "speed":
-            found.append(_rate_of_input(n, column(n)))
-    found += [d for s in measured if (d := _rate_of_state(model, s, measured)) is not None]
+            regressors.append(_rate_of_input(n, column(n)))
+    regressors += [d for s in measured if (d := _rate_of_state(model, s, measured)) is not None]
     if "speed" in inputs:
         speed = column("speed")
         for s in measured:
             if SIGNALS[s].unit == "rad/s":
-                found += _cornering(s, model.states.index(s), speed)
-    return tuple(found)
+                regressors += _cornering(s, model.states.index(s), speed)
+    return tuple(regressors)
 
 
 def with_quick(regressors: Sequence[Regressor]) -> tuple[Regressor, ...]:
     """Return regressors and the quick parts of those that are angles or rates of turn."""
-    found = list(regressors)
+    extended = list(regressors)
     for d in regressors:
         if d.name in SIGNALS and d.unit in ("rad", "rad/s"):
             for within in WITHIN:
-                found.append(replace(d, words=f"quick part of the {d.words} (within {within:g} s)", within=within))
-    return tuple(found)
+                extended.append(replace(d, words=f"quick part of the {d.words} (within {within:g} s)", within=within))
+    return tuple(extended)
 
 
 def rates(drive: Drive) -> Floats:
@@ -146,17 +146,17 @@ def _rate_of_state(model: Model, state: str, measured: list[str]) -> Regressor |
 
 
 def _cornering(state: str, i: int, speed: int) -> list[Regressor]:
-    of = state.removeprefix("yaw_rate").replace("_", " ")
+    suffix = state.removeprefix("yaw_rate").replace("_", " ")
     return [
         Regressor(
             f"{state}*speed",
-            f"yaw rate{of} times speed",
+            f"yaw rate{suffix} times speed",
             "m/s^2",
             lambda x, u, du: x[:, i] * u[:, speed],
         ),
         Regressor(
             f"{state}/speed",
-            f"curvature{' of the path of the' + of if of else ''}",
+            f"curvature{' suffix the path suffix the' + suffix if suffix else ''}",
             "1/m",
             lambda x, u, du: x[:, i] / np.maximum(u[:, speed], _LOWEST_SPEED),
         ),
@@ -226,11 +226,11 @@ def proposals(
             weights = _sparse(gram[half].sum(axis=0), pull[half].sum(axis=0), fixed)
             taken += np.any(weights.reshape(len(taken), len(_SHAPES)) != 0.0, axis=1)
     stability = taken / (2 * PAIRS)
-    found = [
+    pairs = [
         Dependence(disturbance_inputs[j // len(regressors)], regressors[j % len(regressors)], float(stability[j]))
         for j in np.argsort(-stability, kind="stable")
     ]
-    return [p for p in found if p.stability > 0]
+    return [p for p in pairs if p.stability > 0]
 
 
 def _pieces(

@@ -223,20 +223,20 @@ class DisturbanceRanking:
     def history(self, ranked_input: RankedInput) -> tuple[DisturbanceHistory, ...]:
         """Return the disturbance at an input over every drive."""
         time_constant, step = ranked_input.time_constant, self.augmented.spec.step
-        found = []
+        histories = []
         for linear, input_direction in zip(
             self.linear, self.input_directions(ranked_input.disturbance_input), strict=True
         ):
             (held,) = held_disturbances(linear.innovations, [input_direction], samples_held(time_constant, step))
-            found.append(DisturbanceHistory(*held.smoothed(time_constant, ranked_input.deviation)))
-        return tuple(found)
+            histories.append(DisturbanceHistory(*held.smoothed(time_constant, ranked_input.deviation)))
+        return tuple(histories)
 
     def _ranked(self) -> tuple[RankedInput, ...]:
-        found = sorted(self._tried(self.disturbance_inputs, FIRST), key=_gain, reverse=True)
-        promising = [s.disturbance_input for s in found[:_REFINED]]
-        by_time_constant = [found[:_REFINED], *(self._tried(promising, t) for t in FURTHER)]
+        ranked = sorted(self._tried(self.disturbance_inputs, FIRST), key=_gain, reverse=True)
+        promising = [s.disturbance_input for s in ranked[:_REFINED]]
+        by_time_constant = [ranked[:_REFINED], *(self._tried(promising, t) for t in FURTHER)]
         first = [max(of_one, key=_gain) for of_one in zip(*by_time_constant, strict=True)]
-        return tuple(sorted([*first, *found[_REFINED:]], key=_gain, reverse=True))
+        return tuple(sorted([*first, *ranked[_REFINED:]], key=_gain, reverse=True))
 
     def _tried(self, disturbance_inputs: Sequence[DisturbanceInput], time_constant: float) -> list[RankedInput]:
         """Return the best of the grid of deviations for disturbances of a time constant at some inputs."""

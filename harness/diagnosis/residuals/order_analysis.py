@@ -131,11 +131,11 @@ class DistanceDomainDrive:
     def pull(self, input_direction: InputDirection, adjoint: Floats) -> Floats:
         """Return the derivative of the log-likelihood to a disturbance at every sample ``(samples,)``."""
         later = np.concatenate([adjoint[1:], np.zeros((1, adjoint.shape[1]))])
-        found = np.einsum("ka,ka->k", input_direction.direct, self.residual) + np.einsum(
+        derivative = np.einsum("ka,ka->k", input_direction.direct, self.residual) + np.einsum(
             "ki,ki->k", input_direction.entry, later
         )
-        found[0] = 0.0  # the first sample is not used
-        return found
+        derivative[0] = 0.0  # the first sample is not used
+        return derivative
 
     def response(self, input_direction: InputDirection, waves: Waves) -> Floats:
         """Return how disturbances move the whitened innovations ``(samples, ny, n)``."""
@@ -158,12 +158,12 @@ class DistanceDomainDrive:
 
 def in_distance_domain(ranking: DisturbanceRanking, speeds: Sequence[Floats]) -> list[DistanceDomainDrive]:
     """Return the drives of a localised model with the speed of each ``(samples,)``."""
-    found = []
+    distance_drives = []
     for linear, v in zip(ranking.linear, speeds, strict=True):
         model = linear.innovations
         distance = np.concatenate([[0.0], np.cumsum(0.5 * model.step * (v[1:] + v[:-1]))])
-        found.append(DistanceDomainDrive(model, model.residual, distance, v))
-    return found
+        distance_drives.append(DistanceDomainDrive(model, model.residual, distance, v))
+    return distance_drives
 
 
 def find_periodic(
@@ -202,9 +202,9 @@ def find_periodic(
             continue
         spectrum = _spectrum(pulls, power, distance_drives, lines)
         for growth in GROWTH:
-            found = _taken(disturbance_input, input_directions, pulls, distance_drives, spectrum, growth, mean)
-            if best is None or found.clarity > best.clarity:
-                best = found
+            candidate = _taken(disturbance_input, input_directions, pulls, distance_drives, spectrum, growth, mean)
+            if best is None or candidate.clarity > best.clarity:
+                best = candidate
     if best is None or best.clarity < needed + np.log(len(lines) * len(disturbance_inputs)):
         return None
     return best

@@ -111,17 +111,17 @@ def find_random_process(trace: Trace, final: ModelSpec, ranking: DisturbanceRank
     if trace.fitting.noise_held or not ranking.ranked_inputs:
         return None
     most = ranking.ranked_inputs[0].gain
-    found: list[_Grown] = []
+    processes: list[_Grown] = []
     spec, needed = final, max(most - 0.5 * BIC_NEEDED, 0.5 * BIC_NEEDED)
-    while not found or _all_left(found) > 0:
+    while not processes or _all_left(processes) > 0:
         suspected = [set(s.disturbance_input.ports) for s in ranking.ranked_inputs if s.gain >= needed]
         tried = (_grown(trace, spec, name) for name in _processes(spec, trace.fitting.augmented, suspected))
         grown = next((g for g in tried if g is not None), None)
         if grown is None:
             break
-        found.append(grown)
+        processes.append(grown)
         spec, needed = grown.spec, 0.5 * BIC_NEEDED
-    return _accepted(trace, found) if found else None
+    return _accepted(trace, processes) if processes else None
 
 
 def _processes(spec: ModelSpec, augmented: AugmentedModel, suspected: list[set[str]]) -> list[str]:
@@ -130,13 +130,13 @@ def _processes(spec: ModelSpec, augmented: AugmentedModel, suspected: list[set[s
     Left out is what the model has, what the user excludes, and what the search has tried.
     """
     out = {*augmented.excluded, *augmented.processes, *spec.effects}
-    found = []
+    ranked = []
     for name in placements(spec.vehicle, spec.tyre, spec.sensors):
         if getattr(load_effect(name), "NOISE", None) and not {name, split(name)[0]} & out:
             changed = _changed(spec, name)
             if changed in suspected:
-                found.append((suspected.index(changed), name))
-    return [name for _, name in sorted(found)]
+                ranked.append((suspected.index(changed), name))
+    return [name for _, name in sorted(ranked)]
 
 
 def _changed(spec: ModelSpec, name: str) -> set[str]:
@@ -203,8 +203,8 @@ def _fitted(
     objective = LogPosterior(filters, drives, space)
     maximum = maximise(objective, space.centre, np.ones(len(space), dtype=bool), _CLIMB, _ENOUGH, _ENOUGH)
     shares = covariance_of(maximum.information).errors[: len(parameters)]
-    found = space.fitted(maximum.z)
-    return found, {p.name: float(found.values[p.name] * e) for p, e in zip(parameters, shares, strict=True)}
+    fitted_spec = space.fitted(maximum.z)
+    return fitted_spec, {p.name: float(fitted_spec.values[p.name] * e) for p, e in zip(parameters, shares, strict=True)}
 
 
 def _parameters(name: str) -> tuple[Parameter, ...]:
@@ -212,24 +212,24 @@ def _parameters(name: str) -> tuple[Parameter, ...]:
     return tuple(parameter_at(p, split(name)[1] or "") for p in load_effect(name).PARAMETERS)
 
 
-def _accepted(trace: Trace, found: Sequence[_Grown]) -> RandomProcess | None:
+def _accepted(trace: Trace, processes: Sequence[_Grown]) -> RandomProcess | None:
     """Return processes if they leave white innovations, or almost, and the simulation strays as far as they make it."""
-    left, last = _all_left(found), found[-1]
-    if left > EXCESS or trace.after.normalised_excess_mse > max(EXCESS, FARTHER * last.expected):
+    colour, last = _all_left(processes), processes[-1]
+    if colour > EXCESS or trace.after.normalised_excess_mse > max(EXCESS, FARTHER * last.expected):
         return None
     return RandomProcess(
-        tuple(g.hypothesis for g in found),
+        tuple(g.hypothesis for g in processes),
         last.spec,
         last.errors,
-        sum(g.gain for g in found),
-        sum(g.held_out_gain for g in found),
-        white=left == 0,
+        sum(g.gain for g in processes),
+        sum(g.held_out_gain for g in processes),
+        white=colour == 0,
     )
 
 
-def _all_left(found: Sequence[_Grown]) -> float:
+def _all_left(processes: Sequence[_Grown]) -> float:
     """Return the share of their squared correlations that the innovations keep; see ``colour_left``."""
-    return colour_left(found[0].before, found[-1].after)
+    return colour_left(processes[0].before, processes[-1].after)
 
 
 def expected_excess(filters: Innovations, drives: Sequence[Drive], held: Candidates, variances: Floats) -> float:
@@ -246,7 +246,7 @@ def expected_excess(filters: Innovations, drives: Sequence[Drive], held: Candida
     states = filters.model.states
     process = np.where([[s in filters.model.noise] for s in states], held.process, 0.0)
     alone = replace(held, process=process)
-    found = []
+    spreads = []
     for drive in drives:
         unseen = replace(
             drive,
@@ -254,8 +254,8 @@ def expected_excess(filters: Innovations, drives: Sequence[Drive], held: Candida
             first_variance=np.where([s in filters.model.noise for s in states], _starts(filters), 0.0),
             effects=drive.effects[:, :, :0],
         )
-        found.append(filters.run(unseen, alone).deviation[1:] ** 2 - held.measurement[:, 0])
-    return float(np.sum(np.concatenate(found).mean(axis=0) / variances))
+        spreads.append(filters.run(unseen, alone).deviation[1:] ** 2 - held.measurement[:, 0])
+    return float(np.sum(np.concatenate(spreads).mean(axis=0) / variances))
 
 
 def _first(filters: Innovations, drives: Sequence[Drive], parameters: Sequence[Parameter]) -> ModelSpec:
@@ -265,8 +265,8 @@ def _first(filters: Innovations, drives: Sequence[Drive], parameters: Sequence[P
     held = Candidates.of(filters.spec).take([0] * tried.shape[1])
     held.values[rows] = tried
     best = tried[:, int(np.argmax(filters.log_likelihoods(drives, held)))]
-    found = dict(zip((p.name for p in parameters), map(float, best), strict=True))
-    return replace(filters.spec, values={**filters.spec.values, **found})
+    likeliest = dict(zip((p.name for p in parameters), map(float, best), strict=True))
+    return replace(filters.spec, values={**filters.spec.values, **likeliest})
 
 
 def _with(trace: Trace, final: ModelSpec, name: str) -> ModelSpec:
@@ -288,8 +288,8 @@ def _own(drive: Drive, augmented: AugmentedModel, filters: Innovations) -> Drive
     """Return a drive of the augmented model in terms of a filter's; what has noise alone starts at its mean."""
     columns = [augmented.model.inputs.index(n) for n in filters.model.inputs]
     states = filters.model.states
-    known = {s: i for i, s in enumerate(augmented.model.states)}
-    mean = np.array([drive.first_mean[known[s]] if s in known else 0.0 for s in states])
+    index = {s: i for i, s in enumerate(augmented.model.states)}
+    mean = np.array([drive.first_mean[index[s]] if s in index else 0.0 for s in states])
     nominal = {s: i for i, s in enumerate(augmented.nominal.states)}
     variance = [
         drive.first_variance[nominal[s]] if s in nominal else v for s, v in zip(states, _starts(filters), strict=True)

@@ -169,13 +169,13 @@ class _Drives:
 
     def sums(self, columns: Sequence[Sequence[Floats]]) -> list[_Sums]:
         """Return the sums by fold: a drive each, or halves of the only one."""
-        found = []
+        by_fold = []
         for i, r in enumerate(distance_drive.residual.reshape(-1) for distance_drive in self.distance_drives):
             X = np.concatenate([self.moved[i], *(c[i] for c in columns)], axis=1)
             cuts = (0, len(r)) if len(self.distance_drives) > 1 else (0, len(r) // 2, len(r))
             for a, b in itertools.pairwise(cuts):
-                found.append(_Sums(X[a:b].T @ X[a:b], X[a:b].T @ r[a:b]))
-        return found
+                by_fold.append(_Sums(X[a:b].T @ X[a:b], X[a:b].T @ r[a:b]))
+        return by_fold
 
 
 def find_unmodelled(
@@ -230,13 +230,13 @@ def find_unmodelled(
         shift = {c.name: point.value(c) for c in moved}
         return UnmodelledDisturbance(tuple(curves), shift, gain + by_curves, judgement, tuple(turnings))
 
-    found = []
+    candidates = []
     if turnings:
-        found.append(judged((), alone, 0.0))
+        candidates.append(judged((), alone, 0.0))
     if by_curves > 0:
-        found.append(judged(curves, weights, by_curves))
+        candidates.append(judged(curves, weights, by_curves))
     # The gains of the filter were fitted with the periodic part as noise, and curves may explain them.
-    return min(found, key=lambda u: u.judgement.normalised_excess_mse, default=None)
+    return min(candidates, key=lambda u: u.judgement.normalised_excess_mse, default=None)
 
 
 def _periodic(
@@ -248,10 +248,10 @@ def _periodic(
         The disturbances; each over the held-out drives, by drive; and the gain there, less the penalty of the
         phases that were fitted to them.
     """
-    found: list[PeriodicDisturbance] = []
+    periodic: list[PeriodicDisturbance] = []
     disturbances: list[list[Waves]] = []
     total = 0.0
-    while len(found) < TURNS:
+    while len(periodic) < TURNS:
         best = find_periodic(here.ranking, there.ranking.disturbance_inputs, here.distance_drives, _NEEDED)
         if best is None:
             break
@@ -260,10 +260,10 @@ def _periodic(
         if gain <= 0:
             break
         here.distance_drives, there.distance_drives = here.turned(best)[0], distance_drives
-        found.append(best)
+        periodic.append(best)
         disturbances.append(disturbance)
         total += gain
-    return found, disturbances, total
+    return periodic, disturbances, total
 
 
 def _gain(sums: _Sums, weights: Floats) -> float:
@@ -320,11 +320,11 @@ def _possible(sums: Sequence[_Sums], prior: Floats, terms: Sequence[_Term], tens
 
 def _left_out(sums: Sequence[_Sums], prior: Floats, curves: int, tension: float) -> float:
     """Return the gain of every fold, predicted from the others."""
-    found = 0.0
+    total = 0.0
     for i, left_out in enumerate(sums):
         weights, _ = _solved([s for j, s in enumerate(sums) if j != i], prior, curves, tension)
-        found += _gain(left_out, weights)
-    return found
+        total += _gain(left_out, weights)
+    return total
 
 
 def _solved(sums: Sequence[_Sums], prior: Floats, curves: int, tension: float) -> tuple[Floats, Floats]:

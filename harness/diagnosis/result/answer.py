@@ -40,7 +40,7 @@ class Value:
 Verdict = Literal["adequate", "amended", "unresolved"]
 
 
-def verdict_of(trace: Trace, found: Where, coloured: bool) -> Verdict:
+def verdict_of(trace: Trace, localisation: Where, coloured: bool) -> Verdict:
     """Return whether the model is adequate, amended, or lacks something that has no name here.
 
     Something is still missing if the innovations of the final model on the held-out drives are coloured, whatever was
@@ -52,32 +52,32 @@ def verdict_of(trace: Trace, found: Where, coloured: bool) -> Verdict:
     """
     if trace.cut_short or beyond_belief(trace.final, trace.added):
         return "unresolved"
-    if found.random_process is not None:
-        return "amended" if found.random_process.white else "unresolved"
-    if coloured and (trace.effects or found.unmodelled is None):
+    if localisation.random_process is not None:
+        return "amended" if localisation.random_process.white else "unresolved"
+    if coloured and (trace.effects or localisation.unmodelled is None):
         return "unresolved"
-    if found.unmodelled is not None and final_judgement(trace, found).unexplained > EXCESS:
+    if localisation.unmodelled is not None and final_judgement(trace, localisation).unexplained > EXCESS:
         return "unresolved"
-    if found.unmodelled is None and _failed(trace) and not leaves_nothing(trace.after, trace.before):
+    if localisation.unmodelled is None and _failed(trace) and not leaves_nothing(trace.after, trace.before):
         return "unresolved"
-    return "amended" if trace.effects or found.unmodelled is not None else "adequate"
+    return "amended" if trace.effects or localisation.unmodelled is not None else "adequate"
 
 
-def final_judgement(trace: Trace, found: Where) -> Judgement:
+def final_judgement(trace: Trace, localisation: Where) -> Judgement:
     """Return the final model on the held-out drives, with the unmodelled disturbance if that lowers its error."""
     if (
-        found.unmodelled is not None
-        and found.unmodelled.judgement.normalised_excess_mse < trace.after.normalised_excess_mse
+        localisation.unmodelled is not None
+        and localisation.unmodelled.judgement.normalised_excess_mse < trace.after.normalised_excess_mse
     ):
-        return found.unmodelled.judgement
+        return localisation.unmodelled.judgement
     return trace.after
 
 
-def final_posterior(trace: Trace, found: Where) -> Posterior | None:
+def final_posterior(trace: Trace, localisation: Where) -> Posterior | None:
     """Return how likely each model is; what has no name, where that was found, makes it likelier that none is right."""
-    if trace.posterior is None or found.unmodelled is None:
+    if trace.posterior is None or localisation.unmodelled is None:
         return trace.posterior
-    return trace.posterior.beside(trace.final, found.unmodelled.held_out_gain)
+    return trace.posterior.beside(trace.final, localisation.unmodelled.held_out_gain)
 
 
 def strays(trace: Trace) -> bool:
@@ -113,21 +113,21 @@ _FLAT = 0.3
 """Slope at the end of a curve over its steepest one, below which it saturates."""
 
 
-def unmodelled_words(found: UnmodelledDisturbance) -> list[str]:
+def unmodelled_words(disturbance: UnmodelledDisturbance) -> list[str]:
     """Return what each part of an unmodelled disturbance looks like."""
-    return [*map(described, found.periodic), *map(described, found.curves)]
+    return [*map(described, disturbance.periodic), *map(described, disturbance.curves)]
 
 
-def described(found: Curve | PeriodicDisturbance) -> str:
+def described(disturbance: Curve | PeriodicDisturbance) -> str:
     """Say what a disturbance looks like."""
-    return _periodic(found) if isinstance(found, PeriodicDisturbance) else _curve(found)
+    return _periodic(disturbance) if isinstance(disturbance, PeriodicDisturbance) else _curve(disturbance)
 
 
-def _periodic(found: PeriodicDisturbance) -> str:
-    grows = f" at {style.number(found.speed)} m/s and growing with the square of the speed" if found.growth else ""
-    size = amount(found.amplitude, found.disturbance_input)
+def _periodic(disturbance: PeriodicDisturbance) -> str:
+    grows = f" at {style.number(disturbance.speed)} m/s and growing with the square of the speed" if disturbance.growth else ""
+    size = amount(disturbance.amplitude, disturbance.disturbance_input)
     return (
-        f"{entry(found.disturbance_input)}, once per {style.number(found.wavelength)} m driven, reaching {size}" + grows
+        f"{entry(disturbance.disturbance_input)}, once per {style.number(disturbance.wavelength)} m driven, reaching {size}" + grows
     )
 
 
@@ -138,8 +138,8 @@ def _curve(curve: Curve) -> str:
     kind = "a function of"
     if reach > 0.3 * max(-low, high):
         grid = np.linspace(0.0, reach, 100)
-        left, right = curve.at(-grid), curve.at(grid)
-        odd, even = 0.5 * (right - left), 0.5 * (right + left)
+        negative, positive = curve.at(-grid), curve.at(grid)
+        odd, even = 0.5 * (positive - negative), 0.5 * (positive + negative)
         total = np.sum(odd**2) + np.sum(even**2)
         kind = "odd in" if np.sum(odd**2) > _PURE * total else "even in" if np.sum(even**2) > _PURE * total else kind
     grid = np.linspace(low, high, 200)
@@ -175,10 +175,10 @@ def shown(disturbance_input: DisturbanceInput) -> tuple[str, float]:
     if disturbance_input.kind == "equation":
         return print_unit(disturbance_input.unit), 1.0
     q = quantity(disturbance_input.ports[0].removeprefix("sensor_"))
-    known = SIGNALS.get(q.name)
+    signal = SIGNALS.get(q.name)
     return (
         (q.unit, q.scale)
-        if known and known.unit == disturbance_input.unit
+        if signal and signal.unit == disturbance_input.unit
         else (print_unit(disturbance_input.unit), 1.0)
     )
 
@@ -211,16 +211,16 @@ _SUREST = 3
 """Values that a sentence names of many."""
 
 
-def answer(trace: Trace, verdict: Verdict, found: Where, values: Mapping[str, Sequence[Value]]) -> str:
+def answer(trace: Trace, verdict: Verdict, localisation: Where, values: Mapping[str, Sequence[Value]]) -> str:
     """Return what was found, in sentences: of the vehicle first, then of the recordings, then of stated values.
 
     Args:
         trace: What was found.
         verdict: On it.
-        found: Where something is missing that has no name.
+        localisation: Where something is missing that has no name.
         values: The parameters of every addition, by its name.
     """
-    process, posterior = found.random_process, final_posterior(trace, found)
+    process, posterior = localisation.random_process, final_posterior(trace, localisation)
     effects = trace.effects if process is None else (*trace.effects, *process.hypotheses)
     of_vehicle, recorded = ([h for h in effects if h.of_recording == which] for which in (False, True))
     also = ""
@@ -231,12 +231,12 @@ def answer(trace: Trace, verdict: Verdict, found: Where, values: Mapping[str, Se
         also += f" Many stated values would explain {rest}, but only with implausible factors: {far}."
     else:
         also += _wrong_values(trace, values, posterior)
-    if posterior is not None and posterior.none > 0.5 and found.unmodelled is None and verdict != "unresolved":
+    if posterior is not None and posterior.none > 0.5 and localisation.unmodelled is None and verdict != "unresolved":
         also += f" Something that is not listed {claim('is', posterior.none, 'there')}."
-    change = gap(trace.before, final_judgement(trace, found))
+    change = gap(trace.before, final_judgement(trace, localisation))
     if process is not None:
         change = (change if trace.added else "") + _of_a_process(process)
-    curves = [] if found.unmodelled is None else unmodelled_words(found.unmodelled)
+    curves = [] if localisation.unmodelled is None else unmodelled_words(localisation.unmodelled)
     unmodelled = f" What is missing acts as {'; '.join(curves)}." if curves else ""
     sure, named = _sure(trace, posterior, of_vehicle), _named(of_vehicle)
     if verdict == "adequate":
@@ -246,7 +246,7 @@ def answer(trace: Trace, verdict: Verdict, found: Where, values: Mapping[str, Se
         return f"{adequate}{also}{change if trace.added else ''}"
     if verdict == "amended":
         nothing = "Of the vehicle nothing is missing that these drives can show."
-        outside = nothing if found.unmodelled is None else "The model lacks something outside the library."
+        outside = nothing if localisation.unmodelled is None else "The model lacks something outside the library."
         lacks = f"The model {claim('lacks', sure, named)}." if named else outside
         return f"{lacks}{unmodelled}{also}{change}"
     if trace.cut_short:
@@ -276,18 +276,18 @@ def _named(effects: Sequence[Hypothesis]) -> str:
 def _wrong_values(trace: Trace, values: Mapping[str, Sequence[Value]], posterior: Posterior | None) -> str:
     """Return a sentence on the stated values that were wrong, with a space before it; of many the surest three."""
     stated = trace.fitting.augmented.spec.values
-    said = ""
+    sentence = ""
     for h in (h for h in trace.added if h.kind == "parameter"):
         moved = sorted(values[h.name], key=lambda v: -abs(v.value - stated[v.name]) / v.std)
         each = listed([_instead(v, stated[v.name]) for v in moved[:_SUREST]])
         sure = _sure(trace, posterior, [h])
         many = h.name == ALL_PARAMETERS
-        said += (
+        sentence += (
             f" Many stated values {claim('were wrong', sure)}, most surely {each}."
             if many
             else f" A stated value {claim('was wrong', sure)}: {each}."
         )
-    return said
+    return sentence
 
 
 def _instead(v: Value, stated: float) -> str:

@@ -35,11 +35,11 @@ def fitted_model(trace: Trace, spec: ModelSpec, point: Point) -> ModelSpec:
     augmented, noise = trace.fitting.augmented, trace.fitting.noise([point])
     process = dict(zip(augmented.nominal.states, map(float, noise.process[:, 0]), strict=True))
     model = spec.model()
-    known = dict(zip(augmented.names, map(float, point.values[:, 0]), strict=True))
+    point_values = dict(zip(augmented.names, map(float, point.values[:, 0]), strict=True))
     noise_of = {s: q * spec.step for s, q in model.noise.items()} | spec.process_noise | process
     return replace(
         spec,
-        values={n: known[n] if n in known else spec.values[n] for n in model.parameter_names},
+        values={n: point_values[n] if n in point_values else spec.values[n] for n in model.parameter_names},
         process_noise={s: noise_of.get(s, 0.0) for s in model.states},
         measurement_noise=dict(zip(model.outputs, map(float, noise.measurement[:, 0]), strict=True)),
     )
@@ -152,14 +152,14 @@ def estimators_on(
         ModelError: If there is no such estimator.
     """
     nominal = trace.fitting.augmented.spec
-    found = []
+    gains = []
     for kind in kinds:
         errors = []
         for spec, point, words in ((nominal, trace.before.point, "nominal"), (amended, trace.after.point, "amended")):
             say(f"{kind} with the {words} model")
             errors.append(_errors(trace, spec, point, recordings, kind))
-        found.append(EstimatorErrors(kind, *errors))
-    return tuple(found)
+        gains.append(EstimatorErrors(kind, *errors))
+    return tuple(gains)
 
 
 def _errors(trace: Trace, spec: ModelSpec, point: Point, recordings: Sequence[xr.Dataset], kind: str) -> Floats:
@@ -168,8 +168,8 @@ def _errors(trace: Trace, spec: ModelSpec, point: Point, recordings: Sequence[xr
     filters = Innovations(fitted_model(trace, spec, point), kind, augmented.jobs)
     squares = []
     for i, (drive, recording) in enumerate(zip(trace.held_out.drives, recordings, strict=True)):
-        known = dict(zip(augmented.names, point.values[:, i], strict=True))
-        values = np.array([[known[n] if n in known else spec.values[n]] for n in filters.model.parameter_names])
+        point_values = dict(zip(augmented.names, point.values[:, i], strict=True))
+        values = np.array([[point_values[n] if n in point_values else spec.values[n]] for n in filters.model.parameter_names])
         held = replace(Candidates.of(filters.spec), values=values)
         own = filters.drive(recording, drive.name, "joined")
         squares.append(augmented.share(partial(_unseen, filters, own, held), range(len(held.measurement))))

@@ -31,9 +31,9 @@ from harness.reporting import style
 
 def cautions(trace: Trace) -> tuple[str, ...]:
     """Return the sentences."""
-    found = [*_bounds("the refitted nominal model", trace.nominal)]
+    sentences = [*_bounds("the refitted nominal model", trace.nominal)]
     if trace.added:
-        found += _bounds("the final model", trace.final)
+        sentences += _bounds("the final model", trace.final)
     driveable, stated = trace.fitting.driveable, trace.fitting.first().values[:, 0]
     models = {"stated": stated, "refitted nominal": trace.nominal.point.values[:, 0]}
     if trace.added:
@@ -42,22 +42,22 @@ def cautions(trace: Trace) -> tuple[str, ...]:
         speed = driveable.unstable_from(values)
         if math.isfinite(speed):
             text = style.with_unit(speed, "m/s")
-            found.append(f"The {name} model is unstable straight ahead at {text}, which was driven.")
-    return tuple(dict.fromkeys(found))
+            sentences.append(f"The {name} model is unstable straight ahead at {text}, which was driven.")
+    return tuple(dict.fromkeys(sentences))
 
 
 def _bounds(what: str, fitted: Fitted) -> list[str]:
-    found = []
+    sentences = []
     for c in fitted.coordinates:
         value = fitted.point.value(c)
         if c.drives or not (side := at_bound(c.coordinate(value), c.lower, c.upper)):
             continue
         which, unit = "lower" if side < 0 else "upper", print_unit(c.unit)
-        found.append(
+        sentences.append(
             f"The fit of {what} ends at the {which} bound of the {words(c.name)}, {style.with_unit(value, unit)}; the "
             "true value may lie beyond it, or something else is wrong."
         )
-    return found
+    return sentences
 
 
 @dataclass(frozen=True)
@@ -134,23 +134,23 @@ def outcome_of(trace: Trace, say: Say = lambda _: None, failures: Failures = RAI
     coloured = not judged or any(
         min(w.ljung_box, w.periodogram) < WHITE for j in judged if j.held_out for w in j.whiteness
     )
-    found = failures.attempt(
+    localisation = failures.attempt(
         "the search for where something is missing",
         lambda: where(trace, amended, coloured or strays(trace), failures),
         lambda _: NOWHERE,
     )
-    if found.random_process is not None:
-        amended = found.random_process.spec
-        values |= _of_process(found.random_process)
-    verdict = verdict_of(trace, found, coloured)
+    if localisation.random_process is not None:
+        amended = localisation.random_process.spec
+        values |= _of_process(localisation.random_process)
+    verdict = verdict_of(trace, localisation, coloured)
     nominal = fitted_model(trace, trace.fitting.augmented.spec, trace.nominal.point)
-    said = failures.attempt(
+    sentences = failures.attempt(
         "the answer in sentences",
-        lambda: answer(trace, verdict, found, values),
+        lambda: answer(trace, verdict, localisation, values),
         lambda _: f"The verdict is: {verdict}.",
     )
     refitted = tuple(_value(trace, errors, name) for name in trace.free)
-    return Outcome(trace, verdict, said, values, judged, nominal, amended, found, failures=failures, refitted=refitted)
+    return Outcome(trace, verdict, sentences, values, judged, nominal, amended, localisation, failures=failures, refitted=refitted)
 
 
 def _values(trace: Trace, errors: Mapping[tuple[str, int], float]) -> dict[str, tuple[Value, ...]]:
@@ -165,12 +165,12 @@ def _values(trace: Trace, errors: Mapping[tuple[str, int], float]) -> dict[str, 
     }
 
 
-def _value(trace: Trace, errors: Mapping[tuple[str, int], float], name: str, drive: int = 0, of: str = "") -> Value:
+def _value(trace: Trace, errors: Mapping[tuple[str, int], float], name: str, drive: int = 0, suffix: str = "") -> Value:
     """Return a parameter of the final model with its standard error, NaN where there is none."""
     model = trace.fitting.augmented
     row = model.row(name)
     value = float(trace.final.point.values[row, drive])
-    return Value(f"{name}{of}", model.model.parameters[row].unit, value, errors.get((name, drive), math.nan))
+    return Value(f"{name}{suffix}", model.model.parameters[row].unit, value, errors.get((name, drive), math.nan))
 
 
 def _of_process(process: RandomProcess) -> dict[str, tuple[Value, ...]]:

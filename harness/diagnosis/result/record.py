@@ -38,11 +38,11 @@ SCHEMA_VERSION = 2
 def record(outcome: Outcome) -> dict[str, Any]:
     """Return the content of ``trace.json`` in SI units; a part that cannot be made is ``None``."""
     parts = {**_search(outcome), **_gains(outcome)}
-    found = {
+    parts = {
         key: outcome.failures.attempt(f"“{key}” of trace.json", make, lambda _: None) for key, make in parts.items()
     }
-    said = {"schema_version": SCHEMA_VERSION, "verdict": outcome.verdict, "answer": outcome.answer}
-    return {**said, **found, "not_made": list(outcome.failures.sentences)}
+    head = {"schema_version": SCHEMA_VERSION, "verdict": outcome.verdict, "answer": outcome.answer}
+    return {**head, **parts, "not_made": list(outcome.failures.sentences)}
 
 
 def _search(outcome: Outcome) -> dict[str, Callable[[], Any]]:
@@ -129,17 +129,17 @@ def _round(r: Round, outputs: list[str]) -> dict[str, Any]:
     }
 
 
-def _posterior(found: Posterior | None) -> dict[str, Any] | None:
+def _posterior(posterior: Posterior | None) -> dict[str, Any] | None:
     """Return how likely every model and every hypothesis is; horizons in s."""
-    if found is None:
+    if posterior is None:
         return None
 
     def by_horizon(values: Floats) -> dict[str, float]:
         return {f"{h:g}": float(v) for h, v in zip(HORIZONS, values, strict=True)}
 
     return {
-        "none_of_these": found.none,
-        "hypotheses": [{"name": h.name, "kind": h.kind, "probability": v} for h, v in found.inclusion().items()],
+        "none_of_these": posterior.none,
+        "hypotheses": [{"name": h.name, "kind": h.kind, "probability": v} for h, v in posterior.inclusion().items()],
         "models": [
             {
                 **_model(m),
@@ -148,17 +148,17 @@ def _posterior(found: Posterior | None) -> dict[str, Any] | None:
                 "log_predictive_density": by_horizon(m.densities),
                 "difference": dict(zip(("value", "lower", "upper"), m.difference, strict=True)),
             }
-            for m in found.models
+            for m in posterior.models
         ],
-        "coverage_95": by_horizon(found.coverage),
+        "coverage_95": by_horizon(posterior.coverage),
     }
 
 
-def _confusable(found: Posterior | None) -> dict[str, Any] | None:
+def _confusable(posterior: Posterior | None) -> dict[str, Any] | None:
     """Return the smallest set of models that holds the right one, if one is right, with its mass."""
-    if found is None:
+    if posterior is None:
         return None
-    chosen = found.confusable()
+    chosen = posterior.confusable()
     models = [{**_model(m), "share": m.share} for m in chosen]
     return {"asked": MASS, "mass": sum(m.share for m in chosen), "models": models}
 
@@ -172,10 +172,10 @@ def _study_gain(study_gain: StudyGain) -> dict[str, Any]:
     """Return the median errors of a study over all its levels, in SI units, with the ratio and its interval."""
     targets = study_gain.nominal.targets
     gains = [study_gain.gain(e, t) for e in range(len(study_gain.nominal.estimators)) for t in range(len(targets))]
-    found: dict[str, Any] = {}
+    by_estimator: dict[str, Any] = {}
     for g in gains:
         t = targets[g.target]
-        found.setdefault(g.estimator, {})[t.name] = {
+        by_estimator.setdefault(g.estimator, {})[t.name] = {
             "unit": SIGNALS[t.name].unit,
             "before": g.before / t.scale,
             "after": g.after / t.scale,
@@ -183,7 +183,7 @@ def _study_gain(study_gain: StudyGain) -> dict[str, Any]:
             "ratio_interval_95": [g.ratio.lower, g.ratio.upper],
             "lost": {"before": g.lost[0], "after": g.lost[1]},
         }
-    return {"study": str(study_gain.study), "moments": study_gain.change_times, "estimators": found}
+    return {"study": str(study_gain.study), "moments": study_gain.change_times, "estimators": by_estimator}
 
 
 def _residual(outcome: Outcome, outputs: list[str]) -> dict[str, Any]:
@@ -282,11 +282,11 @@ def _models(outcome: Outcome) -> dict[str, str]:
     }
 
 
-def ranking_record(found: Where, plan: Plan | None) -> list[dict[str, Any]]:
+def ranking_record(localisation: Where, plan: Plan | None) -> list[dict[str, Any]]:
     """Return ``pinpoint`` of ``trace.json``: every input, the one that explains most first, and where it acts."""
-    if found.nominal is None or found.final is None:
+    if localisation.nominal is None or localisation.final is None:
         return []
-    left = {s.disturbance_input.name: s.gain for s in found.final.ranked_inputs}
+    gain_after = {s.disturbance_input.name: s.gain for s in localisation.final.ranked_inputs}
     return [
         {
             "channel": s.disturbance_input.name,
@@ -296,23 +296,23 @@ def ranking_record(found: Where, plan: Plan | None) -> list[dict[str, Any]]:
             "log_likelihood_gain": s.gain,
             "time_constant": s.time_constant,
             "deviation": s.deviation,
-            "log_likelihood_gain_after": left[s.disturbance_input.name],
+            "log_likelihood_gain_after": gain_after[s.disturbance_input.name],
             "ahead_of_first_cog": None if plan is None else place_of(plan, s.disturbance_input),
         }
-        for s in found.nominal.ranked_inputs
+        for s in localisation.nominal.ranked_inputs
     ]
 
 
-def unmodelled_record(found: UnmodelledDisturbance | None) -> dict[str, Any] | None:
+def unmodelled_record(disturbance: UnmodelledDisturbance | None) -> dict[str, Any] | None:
     """Return ``unnamed`` of ``trace.json``."""
-    if found is None:
+    if disturbance is None:
         return None
     return {
-        "curves": [_curve(c) for c in found.curves],
-        "turning": [_periodic(t) for t in found.periodic],
-        "parameters": found.shift,
-        "held_out_log_likelihood_gain": found.held_out_gain,
-        "excess": found.judgement.normalised_excess_mse,
+        "curves": [_curve(c) for c in disturbance.curves],
+        "turning": [_periodic(t) for t in disturbance.periodic],
+        "parameters": disturbance.shift,
+        "held_out_log_likelihood_gain": disturbance.held_out_gain,
+        "excess": disturbance.judgement.normalised_excess_mse,
         "driven_by": "the motion of the model itself and the recorded inputs",
     }
 

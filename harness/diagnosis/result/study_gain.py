@@ -149,14 +149,14 @@ def study_gain(
 
     study = with_belief("amended")
     studies = {"nominal": replace(with_belief("nominal"), designs=study.designs), "amended": study}
-    found: dict[str, Design] = {}
+    by_belief: dict[str, Design] = {}
     for name, each in studies.items():
         say(f"{study.name}: believing the {name} model")
         out = inside(folder, f"worth/{name}")
         remove(out / STORE)  # of an earlier trace into the same folder
         run_study(without_files(each), out, jobs, Console(quiet=True))
-        found[name] = read(out).designs[0]
-    return StudyGain(path, study.title or study.name, found["nominal"], found["amended"], study.seed, times)
+        by_belief[name] = read(out).designs[0]
+    return StudyGain(path, study.title or study.name, by_belief["nominal"], by_belief["amended"], study.seed, times)
 
 
 def change_times(amended: ModelSpec, study: Study) -> dict[str, float]:

@@ -85,13 +85,13 @@ def decide(candidates: tuple[Candidate, ...], before: Judgement, room: int) -> R
     return Round(candidates, before, added, reason, best.hypothesis.name, hopeful)
 
 
-def with_sensor(found: Round) -> Round:
+def with_sensor(decided: Round) -> Round:
     """Return a round without accepted hypothesis with the likeliest fault of a sensor that clears its own signal."""
-    best = next((c for c in found.candidates if clears_its_sensor(c, found.before)), None)
+    best = next((c for c in decided.candidates if clears_its_sensor(c, decided.before)), None)
     if best is None:
-        return found
+        return decided
     reason = "takes away half of the simulation error, or more, of the one signal on which it acts"
-    return Round(found.candidates, found.before, best, reason, best.hypothesis.name)
+    return Round(decided.candidates, decided.before, best, reason, best.hypothesis.name)
 
 
 def clears_its_sensor(c: Candidate, before: Judgement) -> bool:
@@ -115,32 +115,32 @@ def passes_except_error(c: Candidate, before: Judgement) -> bool:
     )
 
 
-def with_further(found: Round, further: Round) -> Round:
+def with_further(decided: Round, further: Round) -> Round:
     """Return a round with the hopeful candidate added, because with a further addition it meets the criteria."""
     assert further.added is not None
     reason = f"meets all three criteria together with {words(further.added.hypothesis.name.replace('@', ' of '))}"
-    return replace(found, added=found.hopeful, reason=reason)
+    return replace(decided, added=decided.hopeful, reason=reason)
 
 
-def acts_alike(one: Score, other: Score) -> bool:
+def acts_alike(score: Score, other: Score) -> bool:
     """Whether the drives excite one hypothesis, and it explains most of what another does.
 
     Of what a response gains another takes over the squared cosine of the two.
     """
-    return one.excited and cosine(one, other) ** 2 > MOST
+    return score.excited and cosine(score, other) ** 2 > MOST
 
 
 def objections(c: Candidate, before: Judgement) -> list[str]:
     """Return which criteria a candidate that was fitted to the model ``before`` does not meet."""
     assert c.held_out is not None
-    found = []
+    sentences = []
     if c.bic < BIC_NEEDED:
-        found.append(f"the gain in BIC is {c.bic:.0f}, less than {BIC_NEEDED:.0f}")
+        sentences.append(f"the gain in BIC is {c.bic:.0f}, less than {BIC_NEEDED:.0f}")
     if c.held_out.log_likelihood <= before.log_likelihood:
-        found.append("the likelihood of the held-out drives does not rise")
+        sentences.append("the likelihood of the held-out drives does not rise")
     if not c.hypothesis.random and not predicts_better(c.held_out, before):  # which no simulation predicts
-        found.append("the simulation error on the held-out drives does not fall by a fifth")
-    return found
+        sentences.append("the simulation error on the held-out drives does not fall by a fifth")
+    return sentences
 
 
 def beyond_belief(fitted: Fitted, added: Sequence[Hypothesis]) -> str:
@@ -155,10 +155,10 @@ def beyond_belief(fitted: Fitted, added: Sequence[Hypothesis]) -> str:
     beyond: list[tuple[float, str]] = []
     for at in (c for c in fitted.coordinates if c.name in many):
         value = fitted.point.value(at)
-        deviations = abs(at.coordinate(value) - at.centre) / at.known
+        deviations = abs(at.coordinate(value) - at.centre) / at.stated_std
         if deviations > PRIORS.implausible:
             beyond.append((deviations, f"{words(at.name)} {value / at.value(at.centre):.2g}"))
-    return ", ".join(said for _, said in sorted(beyond, reverse=True)[:3])
+    return ", ".join(text for _, text in sorted(beyond, reverse=True)[:3])
 
 
 def preferred(passing: Sequence[Candidate]) -> Candidate | None:
@@ -211,6 +211,6 @@ def distinct(scores: Sequence[Score]) -> list[Score]:
     return kept
 
 
-def same(one: Score, other: Score) -> bool:
+def same(score: Score, other: Score) -> bool:
     """Whether responses say the same: one hypothesis stands for both, unless more than responses tells them apart."""
-    return abs(cosine(one, other)) > SAME
+    return abs(cosine(score, other)) > SAME

@@ -78,11 +78,11 @@ class CandidateFits:
     ) -> Fitted:
         """Fit the free parameters, additions and noise, as ``Fitting.fit`` does."""
         moved = coordinates(self.augmented, self.free, added, len(self.fitting.drives), self._known)
-        found = self._kept.fit(self.fitting, moved, start, (iterations, turns, afresh, least))
-        known = self.models.get(frozenset(added))
-        if known is None or found.objective > known[1].objective:
-            self.models[frozenset(added)] = added, found
-        return found
+        fitted = self._kept.fit(self.fitting, moved, start, (iterations, turns, afresh, least))
+        best = self.models.get(frozenset(added))
+        if best is None or fitted.objective > best[1].objective:
+            self.models[frozenset(added)] = added, fitted
+        return fitted
 
     def joined(self, added: Added, h: Hypothesis) -> Added:
         """Return additions with a further one; an effect at some places and at all others is one everywhere."""
@@ -91,8 +91,8 @@ class CandidateFits:
 
     def with_addition(self, h: Hypothesis) -> Point | None:
         """Return where the likeliest of the models with a hypothesis was fitted; ``None`` if there is none."""
-        found = [fitted for key, (_, fitted) in self.models.items() if key.issuperset(h.single)]
-        return max(found, key=lambda fitted: fitted.objective).point if found else None
+        fits = [fitted for key, (_, fitted) in self.models.items() if key.issuperset(h.single)]
+        return max(fits, key=lambda fitted: fitted.objective).point if fits else None
 
     def forget(self, added: Added) -> None:
         """Leave a model that was fitted out of what is compared: another one stands for it."""
@@ -138,17 +138,17 @@ class CandidateFits:
         def first_turn(useful: float, model: tuple[Added, Callable[[], Point]]) -> Fitted:
             return self.fit(model[0], model[1](), turns=1, afresh=afresh, least=useful)
 
-        def further(added: Added, found: Fitted) -> Fitted:
-            near = best - found.objective < far and not found.ended
-            return self.fit(added, found.point, afresh=False, least=max(needed, best - self.doubt)) if near else found
+        def further(added: Added, fitted: Fitted) -> Fitted:
+            near = best - fitted.objective < far and not fitted.ended
+            return self.fit(added, fitted.point, afresh=False, least=max(needed, best - self.doubt)) if near else fitted
 
         share = self.augmented.share
-        found = [first_turn(needed, model) for model in models[:1]]
-        useful = max([needed, *(f.objective - max(self.doubt, MOST * (f.objective - base)) for f in found)])
-        found += share(partial(first_turn, useful), models[1:])
-        best = max([least, *(f.objective for f in found)])
+        fitted = [first_turn(needed, model) for model in models[:1]]
+        useful = max([needed, *(f.objective - max(self.doubt, MOST * (f.objective - base)) for f in fitted)])
+        fitted += share(partial(first_turn, useful), models[1:])
+        best = max([least, *(f.objective for f in fitted)])
         far = max(BIC_NEEDED, MOST * (best - base))
-        return share(lambda tried: further(tried[0][0], tried[1]), list(zip(models, found, strict=True)))
+        return share(lambda tried: further(tried[0][0], tried[1]), list(zip(models, fitted, strict=True)))
 
     def fit_near(self, added: Added, start: Point, objective: float, needed: float) -> Fitted:
         """Fit on from a point, to the end only what comes near an objective; give up what does not promise another."""
@@ -183,13 +183,13 @@ class CandidateFits:
 
     def on_grids(self, point: Point, names: Sequence[str]) -> list[Point]:
         """Return a point, and others with one parameter each at a value of its grid."""
-        found = [point]
+        points = [point]
         for name in names:
             for value in self.augmented.model.parameters[self.augmented.row(name)].grid:
                 values = point.values.copy()
                 values[self.augmented.row(name)] = value
-                found.append(replace(point, values=values))
-        return found
+                points.append(replace(point, values=values))
+        return points
 
     def start(self, point: Point, s: Score) -> Point:
         """Return the best start for a joint fit: what the score predicts or less, or a value of the amplitudes' grids.

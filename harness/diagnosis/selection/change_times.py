@@ -81,8 +81,8 @@ def choices(b: Floats, G: Floats, ends: bool) -> Choices:
 def join(by_drive: Sequence[Choices]) -> tuple[tuple[int, int], ...]:
     """Return the change times for all drives with amplitudes in common, the best few of each drive at a time."""
     beam = by_drive[0].best()
-    for found in by_drive[1:]:
-        ranked = found.best()
+    for choices in by_drive[1:]:
+        ranked = choices.best()
         first, second = (i.ravel() for i in np.indices((len(beam.b), len(ranked.b))))
         beam = Choices(
             beam.b[first] + ranked.b[second],
@@ -145,13 +145,13 @@ class Onsets:
                 directions.append(direction)
         ahead, outputs = self._linear.along(values, directions)
         input_directions = self._linear.entering(ahead[:, :, ::2], outputs[:, :, ::2])
-        found = []
+        columns = []
         for j, input_direction in enumerate(input_directions):
             full, part = (np.concatenate([ahead[:, :, 2 * j + m], outputs[:, :, 2 * j + m]], axis=1) for m in (0, 1))
             moved = np.empty((*outputs.shape[:2], len(self.grid)), np.float32)
             self._linear.innovations.write_responses(input_direction, -self._shifted(full, part), moved)
-            found.append(moved.reshape(-1, len(self.grid)))
-        return found
+            columns.append(moved.reshape(-1, len(self.grid)))
+        return columns
 
     def _shifted(self, full: Floats, part: Floats) -> Floats:
         """Return how much of a change is done, for each time at which it may begin ``(samples, change_times)``."""

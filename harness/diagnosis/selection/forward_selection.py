@@ -104,9 +104,9 @@ def first_variances(augmented: AugmentedModel, drives: Sequence[Drive], stated_n
     With ``stated_noise`` it is that of the model where the signals have less.
     """
     stated = np.array([augmented.spec.measurement_noise[n] for n in augmented.model.outputs])
-    found = np.array([white_noise(drives, a) for a in range(len(stated))])
-    found = np.where(found > 1e-12 * stated, found, stated)
-    return np.maximum(found, stated) if stated_noise else found
+    variances = np.array([white_noise(drives, a) for a in range(len(stated))])
+    variances = np.where(variances > 1e-12 * stated, variances, stated)
+    return np.maximum(variances, stated) if stated_noise else variances
 
 
 class _Search:
@@ -212,16 +212,16 @@ class _Search:
         alone.
         """
         room = self.most - _size(tried.added)
-        found = tried.decided(room)
-        if found.hopeful is not None:
-            assert found.hopeful.fitted is not None
-            with_it = self.candidate_fits.joined(tried.added, found.hopeful.hypothesis)
-            further = selection_round(self.candidate_fits, with_it, [found.hopeful.fitted], number + 1).decided(
+        decided = tried.decided(room)
+        if decided.hopeful is not None:
+            assert decided.hopeful.fitted is not None
+            with_it = self.candidate_fits.joined(tried.added, decided.hopeful.hypothesis)
+            further = selection_round(self.candidate_fits, with_it, [decided.hopeful.fitted], number + 1).decided(
                 room - 1
             )
             if further.added is not None:
-                return [with_further(found, further), further]
-        return [found if found.added is not None else tried.decided_by_sensor(room)]
+                return [with_further(decided, further), further]
+        return [decided if decided.added is not None else tried.decided_by_sensor(room)]
 
 
 def _size(added: Added) -> int:

@@ -115,23 +115,23 @@ class Alternatives:
             self._fits.say("fitting what may stand in the place of what was found")
             self._fits.fit_all(new, best.objective, afresh=False, needed=needed)
 
-    def _start(self, h: Hypothesis, rest: Added, found: Point, s: Score) -> Point:
+    def _start(self, h: Hypothesis, rest: Added, point: Point, s: Score) -> Point:
         """Return where a fit of something in the place of an addition starts, with the noise of the model with that.
 
         It is what the score predicts in the model without the addition; or what was fitted of the same in another
         model, because of a large effect slopes predict little: with the parameters of this model, or of that one.
         """
         fits = self._fits
-        starts = [fits.start(replace(found, values=fits.models[frozenset(rest)][1].point.values), s)]
-        known = fits.with_addition(s.hypothesis)
-        if known is not None:
-            here = fits.without(found, (h,), rest).values
+        starts = [fits.start(replace(point, values=fits.models[frozenset(rest)][1].point.values), s)]
+        elsewhere = fits.with_addition(s.hypothesis)
+        if elsewhere is not None:
+            here = fits.without(point, (h,), rest).values
             rows = [fits.augmented.row(n) for n in (*s.hypothesis.shared, *s.hypothesis.change_times)]
             free = [fits.augmented.row(n) for n in fits.free]
-            here[rows] = known.values[rows]
+            here[rows] = elsewhere.values[rows]
             there = here.copy()
-            there[free] = known.values[free]
-            starts += [replace(found, values=values) for values in (here, there)]
+            there[free] = elsewhere.values[free]
+            starts += [replace(point, values=values) for values in (here, there)]
         return fits.fitting.best(starts)
 
     def _stand_ins(self, h: Hypothesis, rest: Added, best: Fitted) -> list[Score]:
@@ -153,10 +153,10 @@ class Alternatives:
         def other(s: Score) -> bool:
             return h not in s.hypothesis.single and not (own and same(s, own))
 
-        found = [s for s in shortlist if other(s)]
-        found = [s for s in found if s.hypothesis.name != ALL_PARAMETERS or own is None or s.gain > own.gain][:TRIED]
-        second, tried = self._second(h), [s.hypothesis for s in found]
-        return [*found, *(s for s in promised if s.hypothesis == second and second not in tried and other(s))]
+        chosen = [s for s in shortlist if other(s)]
+        chosen = [s for s in chosen if s.hypothesis.name != ALL_PARAMETERS or own is None or s.gain > own.gain][:TRIED]
+        second, tried = self._second(h), [s.hypothesis for s in chosen]
+        return [*chosen, *(s for s in promised if s.hypothesis == second and second not in tried and other(s))]
 
     def _second(self, h: Hypothesis) -> Hypothesis | None:
         """Return what came nearest to an addition in its round, where both were fitted.
@@ -226,14 +226,14 @@ def _lessened(
 
     And the additions without which it was out of the question.
     """
-    left = added
+    removable = added
     reached: dict[Hypothesis, float] = {}  # without it
-    while left:
+    while removable:
         curvature = Curvature(fits, best)
-        rests = {h: tuple(k for k in added if k != h) for h in left}
-        less = {h: curvature.without((h,), rests[h]) for h in left}
-        open_ = [h for h in left if less[h].loss < HOPEFUL]
-        left = ()
+        rests = {h: tuple(k for k in added if k != h) for h in removable}
+        less = {h: curvature.without((h,), rests[h]) for h in removable}
+        open_ = [h for h in removable if less[h].loss < HOPEFUL]
+        removable = ()
         for i, h in enumerate(open_):
             rest = rests[h]
             if frozenset(rest) not in fits.models:
@@ -243,19 +243,19 @@ def _lessened(
                 reached[h] = fits.models[frozenset(rest)][1].objective
             kept, fitted = compared.likeliest([fits.models[frozenset(a)] for a in (added, rest)])
             if set(kept) == set(rest):
-                added, best, left = kept, fitted, tuple(open_[i + 1 :])
+                added, best, removable = kept, fitted, tuple(open_[i + 1 :])
                 break
     return added, best, {h for h, objective in reached.items() if objective < best.objective - fits.doubt}
 
 
-def _may_follow(one: Added, added: Added) -> bool:
+def _may_follow(former: Added, added: Added) -> bool:
     """Whether a model may take the place of another: it has no more additions, and is as late.
 
     What a round refused does not come back: an addition to a model that is nearly right, or quite wrong, is likelier
     than none, whatever it is. Nothing replaces a late channel: recordings have clocks of their own, and a lag of the
     steering that resembles one would be an effect of a vehicle that has none.
     """
-    lost, new = set(added) - set(one), set(one) - set(added)
+    lost, new = set(added) - set(former), set(former) - set(added)
     return len(new) <= len(lost) and not (new and any(h.clock for h in lost))
 
 
@@ -324,7 +324,7 @@ class _Comparison:
         unlisted = densities[order[0]] + np.vstack([self._lacking(first), np.zeros(densities.shape[1])])
         odds = np.array([0.0, self._stand_in(first)]) + math.log(PRIORS.odds["none"])
         joint = probabilities(np.append(priors, priors[order[0]] + odds), np.vstack([densities, unlisted]))
-        found = tuple(
+        models = tuple(
             ComparedModel(
                 tuple(weighed.classes[i]),
                 weighed.predicted[i].fitted,
@@ -336,13 +336,13 @@ class _Comparison:
             )
             for i in order
         )
-        return Posterior(found, float(joint[len(order) :].sum()), coverage(first.aheads))
+        return Posterior(models, float(joint[len(order) :].sum()), coverage(first.aheads))
 
     def _weighed(self, models: Sequence[tuple[Added, Fitted]]) -> _Weighed:
         """Return models with what is compared of them."""
         new = [m for m in models if id(m[1]) not in self._known]
-        found = self.fits.augmented.share(lambda model: self._predicted(*model), new)
-        self._known |= {id(p.fitted): p for p in found}
+        predictions = self.fits.augmented.share(lambda model: self._predicted(*model), new)
+        self._known |= {id(p.fitted): p for p in predictions}
         predicted = [self._known[id(fitted)] for _, fitted in models]
         for h in dict.fromkeys(h for p in predicted for h in p.added if h not in self._alike):
             self._alike[h] = _alike(h, self.rounds, self._odds)
@@ -364,7 +364,7 @@ class _Comparison:
         step = self.fits.augmented.spec.step
         samples = [max(1.0, h if math.isinf(h) else round(h / step)) for h in HORIZONS]
         each = zip(fitting.drives, fitting.candidates([point]), strict=True)
-        return tuple(fitting.augmented.share(lambda one: self._prediction.of(*one, samples), each))
+        return tuple(fitting.augmented.share(lambda arguments: self._prediction.of(*arguments, samples), each))
 
     def _lacking(self, p: _Predicted) -> Floats:
         """Return by block how much likelier the held-out drives are if a model lacks something ``(blocks,)``."""
@@ -396,17 +396,17 @@ def _log_prior(p: _Predicted, classes: Sequence[Alike], odds: dict[tuple[str, st
 
 def _alike(h: Hypothesis, rounds: Sequence[Round], odds: dict[tuple[str, str], float]) -> Alike:
     """Return a hypothesis with those that were not fitted, because these drives show the same of them."""
-    found = [h]
+    alike = [h]
     own = _tried(h, rounds)
     if own is not None:
         r, c = own
-        found += [
+        alike += [
             o.hypothesis
             for o in r.candidates
             if o.fitted is None and not o.hypothesis.parts and o.score.excited and same(o.score, c.score)
         ]
-    weights = np.exp([odds[k.kind, k.name] for k in found])
-    return Alike(tuple(found), tuple(map(float, weights / weights.sum())))
+    weights = np.exp([odds[k.kind, k.name] for k in alike])
+    return Alike(tuple(alike), tuple(map(float, weights / weights.sum())))
 
 
 def _tried(h: Hypothesis, rounds: Sequence[Round]) -> tuple[Round, Candidate] | None:

@@ -93,7 +93,7 @@ def single_changes(
     variances = first_variances(augmented, [*train, *test], stated_noise)
     fitting, held_out = Fitting(augmented, train, variances, stated_noise), HeldOut(augmented, test, variances)
     first = fitting.first()
-    likelihood, found = fitting.log_likelihood(first), []
+    likelihood, changes = fitting.log_likelihood(first), []
     for p in augmented.nominal.parameters:
         if p.numerical or p.lower == p.upper:
             continue
@@ -102,9 +102,9 @@ def single_changes(
         fitted = fitting.only((c,), fitting.best(_starts(c, first)), _ITERATIONS)
         gain = 2.0 * (fitted.log_likelihood - likelihood) - math.log(fitting.samples)
         std, judged = float(fitting.standard_errors(fitted)[0]), held_out.judge((), fitted.point)
-        found.append(ParameterChange(p, first.value(c), fitted.point.value(c), std, gain, judged))
-    found.sort(key=lambda change: change.bic, reverse=True)
-    return Changes(held_out.judge((), first), tuple(found))
+        changes.append(ParameterChange(p, first.value(c), fitted.point.value(c), std, gain, judged))
+    changes.sort(key=lambda change: change.bic, reverse=True)
+    return Changes(held_out.judge((), first), tuple(changes))
 
 
 def _starts(c: Coordinate, first: Point) -> list[Point]:

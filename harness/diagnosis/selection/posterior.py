@@ -69,7 +69,7 @@ def log_size(fitted: Fitted, added: Sequence[Hypothesis]) -> float:
     """
     stated = {n for h in added if h.kind == "parameter" for n in h.amplitudes}
     moved = [c for c in fitted.coordinates if c.name in stated]
-    return -0.5 * sum(((c.coordinate(fitted.point.value(c)) - c.centre) / c.known) ** 2 for c in moved)
+    return -0.5 * sum(((c.coordinate(fitted.point.value(c)) - c.centre) / c.stated_std) ** 2 for c in moved)
 
 
 def log_stand_in(fitted: Fitted, added: Sequence[Hypothesis], information: Floats) -> float:
@@ -89,9 +89,9 @@ def log_stand_in(fitted: Fitted, added: Sequence[Hypothesis], information: Float
     gains = []
     for i, c in enumerate(fitted.coordinates):
         if c.name in many:
-            held = (c.known / c.prior) ** 2  # by its prior; not at all where it is free
-            seen = max(0.0, float(marginal(information, [i])[0, 0]) * c.known**2 - held)  # by the drives
-            pull = (seen + held) * (c.coordinate(fitted.point.value(c)) - c.centre) / c.known
+            held = (c.stated_std / c.prior) ** 2  # by its prior; not at all where it is free
+            seen = max(0.0, float(marginal(information, [i])[0, 0]) * c.stated_std**2 - held)  # by the drives
+            pull = (seen + held) * (c.coordinate(fitted.point.value(c)) - c.centre) / c.stated_std
             wide, narrow = (_log_evidence(seen, pull, width) for width in (PRIORS.implausible, 1.0))
             gains.append(wide - narrow)
     return log_some_of(np.array(gains))
@@ -192,12 +192,12 @@ class Posterior:
 
     def inclusion(self) -> dict[Hypothesis, float]:
         """Return the probability of each hypothesis: that of all models with it, by the priors among what is alike."""
-        found: dict[Hypothesis, float] = {}
+        inclusion: dict[Hypothesis, float] = {}
         for m in self.models:
             for alike in m.added:
                 for h, share in zip(alike.hypotheses, alike.shares, strict=True):
-                    found[h] = found.get(h, 0.0) + m.probability * share
-        return dict(sorted(found.items(), key=lambda item: -item[1]))
+                    inclusion[h] = inclusion.get(h, 0.0) + m.probability * share
+        return dict(sorted(inclusion.items(), key=lambda item: -item[1]))
 
     def beside(self, fitted: Fitted, gain: float) -> Posterior:
         """Return the probabilities where something unlisted was found beside a model.
@@ -221,9 +221,9 @@ def blocks_of(values: Floats, time: Floats) -> Floats:
     """Return sums over blocks ``(blocks, n)`` of values at samples ``(samples, n)``; a short rest goes to the last."""
     count = max(1, round((time[-1] - time[0]) / BLOCK))
     number = np.minimum(((time - time[0]) / BLOCK).astype(int), count - 1)
-    found = np.zeros((count, values.shape[1]))
-    np.add.at(found, number, values)
-    return found
+    sums = np.zeros((count, values.shape[1]))
+    np.add.at(sums, number, values)
+    return sums
 
 
 def weights(blocks: int, seed: int = 0) -> Floats:
@@ -240,10 +240,10 @@ def probabilities(log_priors: Floats, densities: Floats) -> Floats:
             be driven, of which there must be one that can.
     """
     usable = np.isfinite(densities).all(axis=1)
-    found = np.zeros(len(densities))
+    mean = np.zeros(len(densities))
     drawn = weights(densities.shape[1]) @ densities[usable].T + log_priors[usable]
-    found[usable] = softmax(drawn, axis=1).mean(axis=0)
-    return found
+    mean[usable] = softmax(drawn, axis=1).mean(axis=0)
+    return mean
 
 
 def shared_horizons(blocks: Floats) -> Floats:
@@ -317,8 +317,8 @@ def coloured(fitted: Sequence[Floats], held_out: Sequence[Floats]) -> float:
         fewest = min(sum(np.isfinite(s).sum() for s in series) / 2 for series in (here, there))
         lowest = int(math.log2(max(1.0, fewest / _ORDINATES)))
         shown.append(octaves(here, lowest)[0])
-        for known, new in zip((mean, count), octaves(there, lowest), strict=True):
-            known.append(new)
+        for spectra, new in zip((mean, count), octaves(there, lowest), strict=True):
+            spectra.append(new)
     factors = np.concatenate(shown)
     differ = (factors >= PRIORS.misfit) | ((factors > 0.0) & (factors <= 1.0 / PRIORS.misfit))
     if not differ.any():
@@ -365,5 +365,5 @@ def by_block(densities: Sequence[Floats], drives: Sequence[Drive], penalty: floa
     forgets a first state that nobody knows.
     """
     each = [blocks_of(d, drive.time[1:]) for d, drive in zip(densities, drives, strict=True)]
-    found = np.concatenate([blocks[1:] if len(blocks) > 1 else blocks for blocks in each])
-    return found - penalty / len(found)
+    stacked = np.concatenate([blocks[1:] if len(blocks) > 1 else blocks for blocks in each])
+    return stacked - penalty / len(stacked)

@@ -139,19 +139,19 @@ class ScoreTest:
             own: Its parameters that nothing else has.
             point: The point of this fit with these as stated.
         """
-        found = copy(self)
+        test = copy(self)
         step = np.zeros(len(self._coordinates))
         for i, c in enumerate(self._coordinates):
             if c.name in h.amplitudes:
                 step[i] = c.coordinate(point.value(c)) - c.coordinate(self.point.value(c))
         kept = [i for i, c in enumerate(self._coordinates) if c.name not in own]
-        found.residual = [r + N @ step for r, N in zip(self.residual, self.moved, strict=True)]
-        found.moved, found._coordinates = [N[:, kept] for N in self.moved], [self._coordinates[i] for i in kept]
+        test.residual = [r + N @ step for r, N in zip(self.residual, self.moved, strict=True)]
+        test.moved, test._coordinates = [N[:, kept] for N in self.moved], [self._coordinates[i] for i in kept]
         # Columns of what is in force hold for the shapes that it has.
-        found._held = {n: float(self._at.values[self.augmented.row(n), 0]) for n in h.shapes}
-        found.point, found._ranges = point, {}
-        found._project()
-        return found
+        test._held = {n: float(self._at.values[self.augmented.row(n), 0]) for n in h.shapes}
+        test.point, test._ranges = point, {}
+        test._project()
+        return test
 
     def of(self, tried: Sequence[Hypothesis]) -> list[Score]:
         """Return the scores of hypotheses, in their order."""
@@ -160,10 +160,10 @@ class ScoreTest:
         share = self.augmented.share
         self._find_columns(plain)
         sums = self._sums_of(self._plain_known.by_drive)
-        found = dict(zip(plain, share(lambda h: self._plain(h, sums), plain), strict=True))
+        scores = dict(zip(plain, share(lambda h: self._plain(h, sums), plain), strict=True))
         share(lambda i: self._change(changes, i), range(len(self.drives)))
-        found |= {h: self._change_times(h) for h in changes}
-        return [found[h] for h in tried]
+        scores |= {h: self._change_times(h) for h in changes}
+        return [scores[h] for h in tried]
 
     def _sensitivities(self, drive: int, values: Floats, names: Sequence[str]) -> Floats:
         """Return columns ``(samples * ny, n)`` for a parameter each, at values of their own ``(np, n)``."""
@@ -176,9 +176,9 @@ class ScoreTest:
         for h in sorted(plain, key=lambda h: len(h.shapes)):
             for a in h.amplitudes:
                 self._own.setdefault(a, h.shapes)  # what acts at several places has the shapes of all of them
-        known = self._plain_known
+        columns = self._plain_known
         asked = dict.fromkeys(key for h in plain for shapes in self._grid(h) for key in self._keys(h, shapes))
-        wanted = [key for key in asked if key not in known.places]
+        wanted = [key for key in asked if key not in columns.places]
 
         def of_drive(i: int) -> Floats:
             values = np.repeat(self._at.values[:, [i]], len(wanted), axis=1)
@@ -188,8 +188,8 @@ class ScoreTest:
 
         if wanted:
             new = self.augmented.share(of_drive, range(len(self.drives)))
-            known.by_drive = [np.hstack(both) for both in zip(known.by_drive, new, strict=True)]
-            known.places |= {key: len(known.places) + j for j, key in enumerate(wanted)}
+            columns.by_drive = [np.hstack(both) for both in zip(columns.by_drive, new, strict=True)]
+            columns.places |= {key: len(columns.places) + j for j, key in enumerate(wanted)}
 
     def _keys(self, h: Hypothesis, shapes: tuple[float, ...]) -> list[_Key]:
         """Return the columns of a hypothesis at values of its shapes: each amplitude with the shapes of its own."""
@@ -239,18 +239,18 @@ class ScoreTest:
         return _Promised(gain, a, G, seen, freedom, weights)
 
     def _judged(self, h: Hypothesis, X: Sequence[Floats], sums: _Sums, shapes: Floats, change_times: Floats) -> Score:
-        found = self._promised(h, sums)
-        error = np.full(len(found.amplitudes), np.inf)
-        if found.seen.any():
-            error[found.seen] = covariance_of(found.information[np.ix_(found.seen, found.seen)]).errors
-        moved = found.weights @ found.amplitudes
+        promise = self._promised(h, sums)
+        error = np.full(len(promise.amplitudes), np.inf)
+        if promise.seen.any():
+            error[promise.seen] = covariance_of(promise.information[np.ix_(promise.seen, promise.seen)]).errors
+        moved = promise.weights @ promise.amplitudes
         response = tuple(
-            (x @ found.amplitudes - N @ moved).astype(np.float32).reshape(-1, self._outputs)
+            (x @ promise.amplitudes - N @ moved).astype(np.float32).reshape(-1, self._outputs)
             for x, N in zip(X, self.moved, strict=True)
         )
         start = np.array([self.point.values[self.augmented.row(n), 0] for n in h.amplitudes])
-        amplitudes, excited = start + found.amplitudes, bool(found.seen.any())
-        return Score(h, found.gain, amplitudes, error, found.freedom, shapes, change_times, response, excited)
+        amplitudes, excited = start + promise.amplitudes, bool(promise.seen.any())
+        return Score(h, promise.gain, amplitudes, error, promise.freedom, shapes, change_times, response, excited)
 
     def _room(self, h: Hypothesis) -> tuple[Floats, Floats]:
         """Return how far each amplitude may move down and up, the others as they are."""
@@ -283,12 +283,12 @@ class ScoreTest:
         times are never.
         """
         a = self.point.values[[self.augmented.row(n) for n in h.amplitudes], 0]
-        found = np.zeros((len(self.drives), len(h.change_times)))
+        moments = np.zeros((len(self.drives), len(h.change_times)))
         for i, drive in enumerate(self.drives):
             grid, choices = self._times(i), self._choices(h, i)
             best = choices.change_times[np.argmax(choices.b @ a - 0.5 * (choices.G @ a) @ a), 0]
-            found[i] = [grid[k] if k >= 0 else drive.time[-1] for k in best][: len(h.change_times)]
-        return found
+            moments[i] = [grid[k] if k >= 0 else drive.time[-1] for k in best][: len(h.change_times)]
+        return moments
 
     def _times(self, drive: int) -> Floats:
         return np.arange(SPACING, self.drives[drive].time[-1] - SPACING, SPACING)
@@ -305,10 +305,10 @@ class ScoreTest:
             values, kept = self._at.values[:, drive], self.kept[drive]
             self._onsets[drive] = Onsets(self._linearisation, self.drives[drive], values, kept, self._times(drive))
         wanted = {a: h for h in many for a in h.amplitudes if (drive, a) not in self._cached}
-        found = self._onsets[drive].responses(
+        responses = self._onsets[drive].responses(
             [ChangeResponse(a, h.change_times[0], self._begun(h, drive)) for a, h in wanted.items()]
         )
-        self._cached |= {(drive, a): x for a, x in zip(wanted, found, strict=True)}
+        self._cached |= {(drive, a): x for a, x in zip(wanted, responses, strict=True)}
 
     def _begun(self, h: Hypothesis, drive: int) -> Floats:
         """Return the point with the first shapes of a hypothesis, and without an end to what begins."""
@@ -318,19 +318,19 @@ class ScoreTest:
             values[self.augmented.row(m)] = self.augmented.model.parameters[self.augmented.row(m)].upper
         return values
 
-    def _sums(self, drive: int, h: Hypothesis, one: str, other: str) -> Floats:
+    def _sums(self, drive: int, h: Hypothesis, amplitude: str, other: str) -> Floats:
         """Return what the responses to changes of two amplitudes have in common ``(times, times)``, projected."""
-        if (drive, other, one) in self._products:
-            return self._products[drive, other, one].T
-        if (drive, one, other) not in self._products:
-            X, Z = (self._steps(h, a, drive) for a in (one, other))
+        if (drive, other, amplitude) in self._products:
+            return self._products[drive, other, amplitude].T
+        if (drive, amplitude, other) not in self._products:
+            X, Z = (self._steps(h, a, drive) for a in (amplitude, other))
             N = self.moved[drive].astype(np.float32)
             projected = (N.T @ X).astype(float).T @ self._inverse @ (N.T @ Z).astype(float)
             square = (X.T @ Z).astype(float)
-            if one == other:  # what the fit's own columns leave of a response is known no better than this
+            if amplitude == other:  # what the fit's own columns leave of a response is known no better than this
                 square[np.diag_indices_from(square)] *= 1 + _ROUNDED
-            self._products[drive, one, other] = square - projected
-        return self._products[drive, one, other]
+            self._products[drive, amplitude, other] = square - projected
+        return self._products[drive, amplitude, other]
 
     def _choices(self, h: Hypothesis, drive: int) -> Choices:
         """Return all choices of change times in one drive by themselves, and first that of no change there."""
@@ -374,13 +374,13 @@ def best_amplitudes(b: Floats, G: Floats, seen: NDArray[np.bool_], down: Floats,
     root = np.sqrt(np.maximum(values, 1e-10))[:, None] * vectors.T
     target = (vectors.T @ (b[seen] / s)) / np.sqrt(np.maximum(values, 1e-10))
     low, high = down[seen] * s, up[seen] * s
-    found = optimize.lsq_linear(root, target, (low, np.maximum(high, low + 1e-12)), method="bvls").x
-    a[seen] = found / s
+    solution = optimize.lsq_linear(root, target, (low, np.maximum(high, low + 1e-12)), method="bvls").x
+    a[seen] = solution / s
     return a, float(b @ a - 0.5 * a @ G @ a)
 
 
-def cosine(one: Score, other: Score) -> float:
+def cosine(score: Score, other: Score) -> float:
     """Return the cosine between the predicted responses of two scores; 1 if the drives cannot distinguish them."""
-    inner = sum(float(np.vdot(x, y)) for x, y in zip(one.response, other.response, strict=True))
-    squares = [sum(float(np.vdot(x, x)) for x in s.response) for s in (one, other)]
+    inner = sum(float(np.vdot(x, y)) for x, y in zip(score.response, other.response, strict=True))
+    squares = [sum(float(np.vdot(x, x)) for x in s.response) for s in (score, other)]
     return inner / float(np.sqrt(squares[0] * squares[1])) if min(squares) > 0 else 0.0

@@ -48,12 +48,12 @@ def random_scores(fits: CandidateFits, point: Point, tried: Sequence[Hypothesis]
     """
     if not tried:
         return []
-    single = list(dict.fromkeys(one for h in tried for one in h.single))
-    grids = [[_at(fits, point, one), *_grid(fits, one)] for one in single]
-    alone = [_with(fits, point, {one: values}) for one, grid in zip(single, grids, strict=True) for values in grid]
+    single = list(dict.fromkeys(process for h in tried for process in h.single))
+    grids = [[_at(fits, point, process), *_grid(fits, process)] for process in single]
+    alone = [_with(fits, point, {process: values}) for process, grid in zip(single, grids, strict=True) for values in grid]
     likelihoods = np.split(_log_likelihoods(fits, alone), np.cumsum([len(grid) for grid in grids[:-1]]))
-    best = {one: grid[int(np.argmax(own))] for one, grid, own in zip(single, grids, likelihoods, strict=True)}
-    points = [_with(fits, point, {one: best[one] for one in h.single}) for h in tried]
+    best = {process: grid[int(np.argmax(own))] for process, grid, own in zip(single, grids, likelihoods, strict=True)}
+    points = [_with(fits, point, {process: best[process] for process in h.single}) for h in tried]
     gains = _log_likelihoods(fits, [point, *points])
     return [_score(fits, h, p, float(gain)) for h, p, gain in zip(tried, points, gains[1:] - gains[0], strict=True)]
 
@@ -208,8 +208,8 @@ class SelectionRound:
         """Return what is not in force yet, and not refuted."""
         free = self.candidate_fits.free
         taken = {n for h in (*self.added, *self.candidate_fits.refuted) for n in h.amplitudes} | set(free)
-        found = (still_open(h, taken) for h in hypotheses(self.candidate_fits.augmented, free))
-        return [h for h in found if h is not None]
+        hypotheses_left = (still_open(h, taken) for h in hypotheses(self.candidate_fits.augmented, free))
+        return [h for h in hypotheses_left if h is not None]
 
     def leads_its_parts(self, several: Score) -> bool:
         """Whether random processes at once promise more than each of them alone."""
@@ -291,8 +291,8 @@ class SelectionRound:
             if normalised_excess_mse > EXCESS and own and own[0].hypothesis not in self.fits:
                 likeliest.append(own[0])
         self.fit(likeliest)
-        found = self.decided(room)
-        return with_sensor(found) if room > 0 and found.added is None else found
+        decided = self.decided(room)
+        return with_sensor(decided) if room > 0 and decided.added is None else decided
 
     def tried(self) -> list[Score]:
         """Return what was fitted and is not many parameters at once, the largest predicted gain first."""
@@ -317,8 +317,8 @@ class SelectionRound:
 
         reached = max((f.objective for f in self.fits.values()), default=-math.inf)
         models = [(fits.joined(self.added, s.hypothesis), partial(start, s)) for s in scores]
-        found = fits.fit_all(models, reached, self.best.objective)
-        self.fits |= {s.hypothesis: f for s, f in zip(scores, found, strict=True)}
+        fitted = fits.fit_all(models, reached, self.best.objective)
+        self.fits |= {s.hypothesis: f for s, f in zip(scores, fitted, strict=True)}
         fits.augmented.share(self.judged, scores)
 
     def judged(self, s: Score) -> Candidate:

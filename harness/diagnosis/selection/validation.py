@@ -107,15 +107,15 @@ class HeldOut:
     def judge(self, added: Sequence[Hypothesis], point: Point) -> Judgement:
         """Return how a model does; only the change times are fitted to these drives."""
         here, change_times = self._own_change_times(added, moved_to(point, len(self.drives)))
-        found = judged_on(self.augmented, self.drives, self.fitting.candidates([here]))
-        likelihood = sum(d.log_likelihood for d in found) - 0.5 * change_times * np.log(self.fitting.samples)
-        free = [d.simulated for d in found]
+        judged = judged_on(self.augmented, self.drives, self.fitting.candidates([here]))
+        likelihood = sum(d.log_likelihood for d in judged) - 0.5 * change_times * np.log(self.fitting.samples)
+        free = [d.simulated for d in judged]
         wander = self._wander(here)
         floor = floors(self.drives, self.variances) + wander
         error, normalised_excess_mses = simulation_error(self.drives, free, floor)
         density = _log_density(self.drives, free, floor)
         share = np.mean(wander / floor, axis=0)
-        return Judgement(likelihood, error, normalised_excess_mses, found, here, density, share)
+        return Judgement(likelihood, error, normalised_excess_mses, judged, here, density, share)
 
     def floors(self, point: Point) -> Floats:
         """Return the variances of the simulation error of a perfect model ``(samples of all drives, ny)``.
@@ -165,14 +165,14 @@ def simulation_error(drives: Sequence[Drive], free: Sequence[Floats], floor: Flo
 
 def _log_density(drives: Sequence[Drive], free: Sequence[Floats], floor: Floats) -> float:
     errors = np.concatenate([d.measurements - f for d, f in zip(drives, free, strict=True)])
-    found = float(np.nansum(_mean(-0.5 * (np.log(floor) + errors**2 / floor))))
-    return found if all(stays(f) for f in free) else -math.inf
+    density = float(np.nansum(_mean(-0.5 * (np.log(floor) + errors**2 / floor))))
+    return density if all(stays(f) for f in free) else -math.inf
 
 
 def _mean(values: Floats) -> Floats:
     """Return the mean of the known values of every column; NaN, in silence, where a free run left its range before."""
-    known = (~np.isnan(values)).sum(axis=0)
-    return np.where(known > 0, np.nansum(values, axis=0) / np.maximum(known, 1), np.nan)
+    count = (~np.isnan(values)).sum(axis=0)
+    return np.where(count > 0, np.nansum(values, axis=0) / np.maximum(count, 1), np.nan)
 
 
 def floors(drives: Sequence[Drive], variances: Floats) -> Floats:

@@ -300,18 +300,18 @@ class Maximisation:
             return value, slope * scale
 
         bounds = list(zip(self._bounds[:, 0] / scale, self._bounds[:, 1] / scale, strict=True))
-        found = minimize(scaled, start / scale, jac=True, method="L-BFGS-B", bounds=bounds)
-        return np.asarray(found.x * scale)
+        minimum = minimize(scaled, start / scale, jac=True, method="L-BFGS-B", bounds=bounds)
+        return np.asarray(minimum.x * scale)
 
     def _along(self, cost: Callable[[Floats], tuple[float, Floats]], point: EMPoint, turn: int) -> Floats:
         own = np.arange(len(self.free)) == turn % len(self.free)
-        found = minimize(
+        minimum = minimize(
             lambda v: cost(np.where(own, v, point.free))[0],
             point.free[own],
             method="Nelder-Mead",
             bounds=self._bounds[own],
         )  # as Sun's fminsearch
-        return np.where(own, found.x, point.free)
+        return np.where(own, minimum.x, point.free)
 
     def run(self, seed: int, say: Callable[[str], None] = lambda _: None) -> EmResult:
         """Iterate until the mean over a window changes by no more than the scatter of the particles.
@@ -379,9 +379,9 @@ def identify(problem: Problem, settings: Settings, say: Callable[[str], None] = 
     """
     spec, model = problem.spec, problem.spec.model()
     search = Maximisation(spec, problem.free, problem.drives, settings)
-    found = search.run(problem.seed, say)
+    result = search.run(problem.seed, say)
     units = {p.name: p.unit for p in model.parameters}
-    point, path = found.point, np.array([p.free for p in found.history])
+    point, path = result.point, np.array([p.free for p in result.history])
     values = dict(zip(problem.free, map(float, point.free), strict=True))
     fitted = replace(
         spec,
@@ -400,7 +400,7 @@ def identify(problem: Problem, settings: Settings, say: Callable[[str], None] = 
         before=before,
         after=after,
         history=(before, after),
-        converged=found.converged,
+        converged=result.converged,
         notes=(
             f"{len(path) - 1} iterations of {settings.particles} particles; the values are means over the last "
             f"{settings.window}. EM states no uncertainty; method 'likelihood' does.",

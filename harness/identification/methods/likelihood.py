@@ -76,9 +76,9 @@ def identify(problem: Problem, settings: Settings, say: Callable[[str], None] = 
     best: Maximum | None = None
     for number, start in enumerate(search.starts(settings.starts, problem.seed), 1):
         say(f"start {number} of {settings.starts}")
-        found = search.climb(start)
-        if best is None or found.value > best.value:
-            best = found
+        maximum = search.climb(start)
+        if best is None or maximum.value > best.value:
+            best = maximum
     assert best is not None
     best = search.anneal(best, settings.annealings, say)
     say("certainty")
@@ -146,9 +146,9 @@ class Search:
 
     def wide(self, start: Floats) -> Floats:
         """Return a point with all of its error in the measurement noise."""
-        found = start.copy()
-        found[self.coordinates.kind("measurement")] = np.log(self._innovation_variances(start))
-        return found
+        point = start.copy()
+        point[self.coordinates.kind("measurement")] = np.log(self._innovation_variances(start))
+        return point
 
     def rough(self, wide: Floats) -> Maximum:
         """Fit parameters and measurement noise."""
@@ -174,10 +174,10 @@ class Search:
             cold = best.z.copy()
             cold[process] = np.maximum(cold[process] - _COOLING, self.coordinates.lower[process])
             refitted = maximise(self.objective, cold, parameters, _ROUGH)
-            found = self.together(refitted.z) if np.isfinite(refitted.value) else refitted
-            gained = found.value - best.value
+            maximum = self.together(refitted.z) if np.isfinite(refitted.value) else refitted
+            gained = maximum.value - best.value
             if gained > 0:
-                best = found
+                best = maximum
             if gained < 0.1:
                 break
         return best
@@ -202,19 +202,19 @@ class Search:
         wide = silent.wide(self.coordinates.centre[kept])  # where the fit began: it may have ended far off
         if not np.isfinite(silent.objective.values(wide[:, None])[0]):
             return colour_of(outputs, factor, summit)
-        found = silent.summit(silent.rough(wide).z)
-        return colour_of(outputs, factor, summit, found, silent.block_sums(found.z))
+        silent_summit = silent.summit(silent.rough(wide).z)
+        return colour_of(outputs, factor, summit, silent_summit, silent.block_sums(silent_summit.z))
 
     def _without_process_noise(self, z: Floats, kept: Mask) -> Search:
         """Return the search of the other coordinates that are ``kept``, about a point."""
-        found, space, held = copy(self), self.coordinates, self.coordinates.candidates(z)
+        search, space, held = copy(self), self.coordinates, self.coordinates.candidates(z)
         moved = [c for c, stays in zip(space.coordinates, kept, strict=True) if stays]
         base = replace(held, process=_SILENT * held.process)
-        found.coordinates = Coordinates(space.spec, space.names, moved, [base])
-        found.objective = LogPosterior(
-            self.problem.innovations, self.problem.drives, found.coordinates, self.objective.driveable
+        search.coordinates = Coordinates(space.spec, space.names, moved, [base])
+        search.objective = LogPosterior(
+            self.problem.innovations, self.problem.drives, search.coordinates, self.objective.driveable
         )
-        return found
+        return search
 
     def block_sums(self, z: Floats) -> Floats:
         """Return the sums of the scores at a point over blocks of the recordings ``(blocks, n)``."""
@@ -258,5 +258,5 @@ def first_noise(problem: Problem) -> Floats:
     Where a signal is too coarsely resolved to show its noise, the variance of the model at hand stays.
     """
     given = np.array([problem.spec.measurement_noise[n] for n in problem.spec.model().outputs])
-    found = np.array([white_noise(problem.drives, a) for a in range(len(given))])
-    return np.where(found > 1e-12 * given, found, given)
+    variances = np.array([white_noise(problem.drives, a) for a in range(len(given))])
+    return np.where(variances > 1e-12 * given, variances, given)

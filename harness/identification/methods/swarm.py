@@ -80,10 +80,10 @@ def optimise(
     own, own_cost = place.copy(), np.full(chosen.particles, np.inf)
     history, diverged = np.empty(chosen.iterations + 1), 0
     for j in range(chosen.iterations + 1):
-        found = cost(place)
-        diverged += int(np.sum(~np.isfinite(found)))
-        better = found < own_cost
-        own[better], own_cost[better] = place[better], found[better]
+        costs = cost(place)
+        diverged += int(np.sum(~np.isfinite(costs)))
+        better = costs < own_cost
+        own[better], own_cost[better] = place[better], costs[better]
         leader = int(np.argmin(own_cost))
         history[j] = own_cost[leader]
         pulls = rng.random((2, *shape))
@@ -117,10 +117,10 @@ def identify(problem: Problem, settings: Settings, say: Callable[[str], None] = 
     free = [Free(n, *ranges[n]) for n in problem.free]
     misfit = Misfit(problem.innovations.compiled, spec.values, free, problem.drives, jobs=problem.innovations.jobs)
     say(f"{settings.particles} particles move {settings.iterations} times over {len(problem.drives)} recordings")
-    found = optimise(misfit, misfit.lower, misfit.upper, problem.seed, settings)
-    if not np.isfinite(found.cost):
-        raise UserError(f"all {found.evaluated} candidates diverged on the recordings; narrow the search with 'bounds'")
-    values = dict(zip(problem.free, map(float, found.values), strict=True))
+    result = optimise(misfit, misfit.lower, misfit.upper, problem.seed, settings)
+    if not np.isfinite(result.cost):
+        raise UserError(f"all {result.evaluated} candidates diverged on the recordings; narrow the search with 'bounds'")
+    values = dict(zip(problem.free, map(float, result.values), strict=True))
     estimates = tuple(
         _estimate(declared[n].unit, spec.values[n], values[n], f) for n, f in zip(values, free, strict=True)
     )
@@ -132,14 +132,14 @@ def identify(problem: Problem, settings: Settings, say: Callable[[str], None] = 
         correlation=np.empty((0, 0)),
         objective="sum of normalised errors of the free run",
         before=float(before),
-        after=found.cost,
-        history=tuple(map(float, found.history)),
+        after=result.cost,
+        history=tuple(map(float, result.history)),
         converged=True,
         notes=(
-            f"{found.diverged} of {found.evaluated} candidates left the range in which the equations hold.",
+            f"{result.diverged} of {result.evaluated} candidates left the range in which the equations hold.",
             "A swarm states no uncertainty; repeat it with other seeds to see how far its results scatter.",
         ),
-        further={"evaluated": found.evaluated, "diverged": found.diverged},
+        further={"evaluated": result.evaluated, "diverged": result.diverged},
     )
 
 
