@@ -19,7 +19,7 @@ from harness.common.arguments import Parser
 from harness.config import ModelSpec, resolve_single
 from harness.engine.simd.lanes import LANES
 from harness.identification.contract import Fit, Problem
-from harness.identification.data import Drive
+from harness.identification.data import DriveData
 from harness.identification.filtered_model import Candidates
 from harness.identification.innovations import Innovations
 from harness.identification.methods.likelihood import Search, Settings, identify
@@ -58,7 +58,7 @@ def problem(table: dict[str, object], free: tuple[str, ...], seed: int, jobs: in
     wrong = np.exp(np.random.default_rng(seed).uniform(-0.2, 0.2, len(free)))
     values = {**spec.values, **{n: spec.values[n] * float(w) for n, w in zip(free, wrong, strict=True)}}
     innovations = Innovations(dataclasses.replace(spec, values=values), jobs=jobs)
-    drive: Drive = innovations.drive(recorded(spec, seed, **options), "drive")
+    drive: DriveData = innovations.drive(recorded(spec, seed, **options), "drive")
     return Problem(innovations, (drive,), free)
 
 

@@ -32,7 +32,7 @@ from harness.common.stages import showing
 from harness.config import ModelSpec
 from harness.config.schema import Name
 from harness.identification.contract import Problem, load_method, settings_of
-from harness.identification.data import Drive
+from harness.identification.data import DriveData
 from harness.identification.filtered_model import Candidates
 from harness.identification.innovations import Innovations
 from harness.identification.measured_file import MeasuredFile, MeasuredStudy, names_of
@@ -88,7 +88,7 @@ def identified(study: IdentifyStudy, jobs: int | None, say: Callable[[str], None
     )
 
 
-def _alone(innovations: Innovations, spec: ModelSpec, drive: Drive) -> Floats:
+def _alone(innovations: Innovations, spec: ModelSpec, drive: DriveData) -> Floats:
     """Return the root mean square simulation error of a model on a drive ``(ny,)``."""
     return judged_on(innovations, [drive], Candidates.of(spec))[0].simulation_error
 

@@ -10,14 +10,14 @@ from harness.common.arrays import Floats
 from harness.config import ModelSpec
 from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
-from harness.identification.data import Drive, drive_from
+from harness.identification.data import DriveData, drive_from
 from harness.identification.simulation_error import Misfit
 from harness.models.contracts import Profile
 from harness.models.signals import TRUTH
 from harness.simulation.simulate import Simulator, in_lanes, simulate_drive, variances
 
 
-def record(spec: ModelSpec, profile: Profile, name: str, seed: int) -> Drive:
+def record(spec: ModelSpec, profile: Profile, name: str, seed: int) -> DriveData:
     """Simulate a drive with noise and return it as a recording.
 
     The first state is known as well as one measurement of each output tells, or the process noise of a step.

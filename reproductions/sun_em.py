@@ -24,7 +24,7 @@ from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.config import DriveSpec, ModelSpec, resolve_single
 from harness.identification.contract import Problem, load_method, settings_of
-from harness.identification.data import Drive
+from harness.identification.data import DriveData
 from harness.identification.innovations import Innovations
 from harness.identification.methods.em import Maximisation, Settings
 from harness.simulation.drives import profile_of
@@ -73,7 +73,7 @@ def car(start: bool) -> ModelSpec:
     return resolve_single(table, "car of Sun 2015")
 
 
-def recording(seed: int) -> Drive:
+def recording(seed: int) -> DriveData:
     """Return a simulated recording of 500 steps."""
     spec = car(start=False)
     return record(

@@ -30,7 +30,7 @@ from harness.common.errors import UserError
 from harness.common.files import BUNDLED_STUDIES
 from harness.config import DriveSpec, ModelSpec, resolve_single
 from harness.engine.compile import compile_model
-from harness.identification.data import Drive
+from harness.identification.data import DriveData
 from harness.identification.methods.swarm import Settings, SwarmResult, optimise
 from harness.identification.simulation_error import Free, Misfit
 from harness.models.contracts import Profile
@@ -74,7 +74,7 @@ def setup(path: Path, seed: int, jobs: int) -> Setup:
     Raises:
         UserError: If the file cannot be read or a drive's name lacks part or load.
     """
-    drives: dict[str, list[Drive]] = {"fit": [], "judge": []}
+    drives: dict[str, list[DriveData]] = {"fit": [], "judge": []}
     loads: dict[str, str] = {}
     profiles: dict[str, Profile] = {}
     for number, (name, (kind, options)) in enumerate(read_drives(path).items()):

@@ -17,10 +17,10 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from harness.common.files import write_files
-from harness.diagnosis.fitting.fit import Fitted, Fitting, Point
+from harness.diagnosis.fitting.fit import FittedHypothesis, Fitting, ParameterPoint
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import Hypothesis, coordinates, hypotheses
-from harness.diagnosis.run import Task
+from harness.diagnosis.run import TraceTask
 from harness.diagnosis.selection.forward_selection import first_variances
 from harness.diagnosis.selection.score_test import ScoreTest
 from harness.diagnosis.selection.validation import HeldOut
@@ -32,7 +32,7 @@ ITERATIONS = 25
 """As many as the nominal fit of a trace gets."""
 
 
-def write_oracle(folder: Path, task: Task, augmented: AugmentedModel) -> None:
+def write_oracle(folder: Path, task: TraceTask, augmented: AugmentedModel) -> None:
     """Fit the oracle of a case and write ``oracle.json``: held-out excess, hypotheses and fitted values.
 
     Args:
@@ -46,7 +46,7 @@ def write_oracle(folder: Path, task: Task, augmented: AugmentedModel) -> None:
     write_files(folder, {FILE: json.dumps(found, indent=1) + "\n"})
 
 
-def _oracle(sealed: Mapping[str, Any], task: Task, augmented: AugmentedModel) -> dict[str, Any]:
+def _oracle(sealed: Mapping[str, Any], task: TraceTask, augmented: AugmentedModel) -> dict[str, Any]:
     recordings = task.train + task.test
     drives = [augmented.drive(r, name) for r, name in zip(recordings, names_of(recordings), strict=True)]
     train, test = drives[: len(task.train)], drives[len(task.train) :]
@@ -111,7 +111,7 @@ def free_parameters(sealed: Mapping[str, Any], usual: Sequence[str], augmented: 
 
 def _start(
     fitting: Fitting, sealed: Mapping[str, Any], true: Sequence[tuple[Hypothesis, ...]], free: tuple[str, ...]
-) -> tuple[Point, tuple[Hypothesis, ...]]:
+) -> tuple[ParameterPoint, tuple[Hypothesis, ...]]:
     """Return the truth and what holds it; of an effect without values in the library's words, what a score promises."""
     point, augmented = fitting.first(), fitting.augmented
     values = point.values.copy()
@@ -127,7 +127,7 @@ def _start(
     point = replace(point, values=values)
     if all(effect["oracle"]["parameters"] for effect in sealed["effects"]):
         return point, tuple(h for own in true for h in own)
-    without: Fitted = fitting.fit(coordinates(augmented, free, (), len(fitting.drives)), point, ITERATIONS)
+    without: FittedHypothesis = fitting.fit(coordinates(augmented, free, (), len(fitting.drives)), point, ITERATIONS)
     test, values = ScoreTest(fitting, without), without.point.values.copy()
     known: list[Hypothesis] = []
     for own, effect in zip(true, sealed["effects"], strict=True):

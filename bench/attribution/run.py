@@ -25,7 +25,7 @@ from bench.attribution.score import FAILED, SECONDS
 from harness.common.errors import ModelError, UserError
 from harness.common.files import write_files
 from harness.diagnosis.model.augmented_model import AugmentedModel
-from harness.diagnosis.run import Task, augmented_model_of, run_trace
+from harness.diagnosis.run import TraceTask, augmented_model_of, run_trace
 from harness.identification.data import step_of
 from harness.identification.measured_file import finely, fitted_parameters
 from harness.recordings import load_recording
@@ -111,14 +111,14 @@ class Tracer:
         (folder / FAILED).unlink(missing_ok=True)
         return ""
 
-    def _trace(self, task: Task, folder: Path, augmented: AugmentedModel) -> None:
+    def _trace(self, task: TraceTask, folder: Path, augmented: AugmentedModel) -> None:
         """Trace a case, and note how long that took where it was begun here and had all cores."""
         begun, whole = time.perf_counter(), not (folder / "trace").exists() and self._threads is None
         run_trace(task, folder / "trace", Console(quiet=True), augmented)
         if whole:
             write_files(folder, {SECONDS: f"{time.perf_counter() - begun:.1f}\n"})
 
-    def model(self, folder: Path) -> tuple[Task, AugmentedModel]:
+    def model(self, folder: Path) -> tuple[TraceTask, AugmentedModel]:
         """Return what is to be traced in a folder, and its model, compiled."""
         task, vehicle = task_of(folder)
         task = replace(task, jobs=self._threads)
@@ -137,7 +137,7 @@ def written(case: Case) -> str:
     return done.stderr.strip() if done.returncode else ""
 
 
-def task_of(folder: Path) -> tuple[Task, str]:
+def task_of(folder: Path) -> tuple[TraceTask, str]:
     """Return what is to be traced in a folder, and the vehicle; the seal is not read."""
     channels = folder / "channels.toml" if (folder / "channels.toml").exists() else None
     names = ("train_a", "train_b", "test")
@@ -146,7 +146,7 @@ def task_of(folder: Path) -> tuple[Task, str]:
     vehicle = belief["vehicle"]
     table = {"vehicle": vehicle, **NOMINAL[vehicle], "values": belief["parameters"]}
     spec = finely(table, step_of(drives[0]), str(folder))
-    return Task(spec, drives[:2], drives[2:], fitted_parameters(spec, [], "free"), ()), vehicle
+    return TraceTask(spec, drives[:2], drives[2:], fitted_parameters(spec, [], "free"), ()), vehicle
 
 
 def run_all(cases: Sequence[Case], processes: int) -> Iterator[tuple[Case, str]]:

@@ -20,7 +20,7 @@ from harness.api.model import model
 from harness.api.recordings import read_recording
 from harness.common.errors import ModelError, UserError
 from harness.common.files import write_files
-from harness.diagnosis.run import Task, run_trace
+from harness.diagnosis.run import TraceTask, run_trace
 from harness.identification.data import step_of
 from harness.identification.measured_file import finely, fitted_parameters
 
@@ -52,12 +52,12 @@ def run_case(name: str, folder: Path, threads: int | None = None) -> str:
     return ""
 
 
-def task_of(folder: Path, threads: int | None = None) -> Task:
+def task_of(folder: Path, threads: int | None = None) -> TraceTask:
     """Return what is to be traced in a folder: two drives to fit, one held out; the truth is not read."""
     drives = [read_recording(folder / f"{name}.csv", folder / "map.toml") for name in DRIVES]
     table, notes = model("semitrailer", folder / "nominal.toml").completed(drives)
     spec = finely(table, step_of(drives[0]), str(folder))
-    return Task(spec, drives[:2], drives[2:], fitted_parameters(spec, [], "free"), (), jobs=threads, notes=notes)
+    return TraceTask(spec, drives[:2], drives[2:], fitted_parameters(spec, [], "free"), (), jobs=threads, notes=notes)
 
 
 def run_all(names: Sequence[str], out: Path, processes: int) -> Iterator[tuple[str, str]]:

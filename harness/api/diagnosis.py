@@ -79,7 +79,7 @@ class Diagnosis(Shown):
         """
         from rich.console import Console
 
-        from harness.diagnosis.run import Task, run_trace
+        from harness.diagnosis.run import TraceTask, run_trace
         from harness.identification.data import refuse_the_same, step_of
         from harness.identification.measured_file import finely, fitted_parameters
 
@@ -88,7 +88,7 @@ class Diagnosis(Shown):
         table, notes = model.completed([*fitted, *held_out])
         spec = finely(table, step_of(fitted[0]), f"model '{model.vehicle}'")
         free = fitted_parameters(spec, self.free, "free")
-        task = Task(
+        task = TraceTask(
             spec, fitted, held_out, free, self.estimators, self.study, self.repeats, jobs=self.jobs, notes=notes
         )
         if folder is None:

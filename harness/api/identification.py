@@ -60,13 +60,13 @@ def identify(
 
     from harness.common.stages import showing
     from harness.identification.data import step_of
-    from harness.identification.fit_recordings import Task, fit_recordings
+    from harness.identification.fit_recordings import FitTask, fit_recordings
 
     fitted = recordings_of(train, "train")
     held_out = recordings_of(test, "test") if not _is_none(test) else []
     spec = model.resolved_for([*fitted, *held_out], step=step_of(fitted[0]))
     names = (free,) if isinstance(free, str) else tuple(free)
-    task = Task(spec, fitted, names, held_out, method, dict(settings or {}), seed, jobs)
+    task = FitTask(spec, fitted, names, held_out, method, dict(settings or {}), seed, jobs)
     with showing(Console(stderr=True), "compiling") as show:
         return Identification(fit_recordings(task, show))
 

@@ -57,7 +57,12 @@ def known_ranges(recordings: Sequence[xr.Dataset]) -> Ranges:
         if len(rows) < _FEWEST:
             continue
         table = np.array(rows)
-        by_gyroscope, by_course, neither, (stated, driven) = table[:, 0:2], table[:, 2:4], table[:, 4:7], table[:, 7:9].T
+        by_gyroscope, by_course, neither, (stated, driven) = (
+            table[:, 0:2],
+            table[:, 2:4],
+            table[:, 4:7],
+            table[:, 7:9].T,
+        )
         (k, c), errors = _regressed(by_gyroscope[:, 0], np.column_stack([by_course, neither]))
         (k_back, c_back), errors_back = _regressed(by_course[:, 0], np.column_stack([by_gyroscope, neither]))
         (wheel,), (error,) = _regressed(stated, driven[:, None], 1)

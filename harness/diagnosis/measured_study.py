@@ -17,7 +17,7 @@ from harness.diagnosis.report import parameter_changes
 from harness.diagnosis.report.report import report
 from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.result.study_gain import REPEATS
-from harness.diagnosis.run import Task, run_changes, run_trace
+from harness.diagnosis.run import TraceTask, run_changes, run_trace
 from harness.diagnosis.study_file import LoopStudy
 from harness.identification.filtered_model import Candidates
 from harness.identification.report import spans_sheet
@@ -106,10 +106,12 @@ def _changed(
     return answer
 
 
-def _task(study: LoopStudy, spec: ModelSpec, drives: dict[str, list[xr.Dataset]], part: str, jobs: int | None) -> Task:
+def _task(
+    study: LoopStudy, spec: ModelSpec, drives: dict[str, list[xr.Dataset]], part: str, jobs: int | None
+) -> TraceTask:
     """Return what is to be traced in one part of a loop file, nothing refitted beforehand."""
     raw = study.raw
-    return Task(
+    return TraceTask(
         spec,
         drives[f"{part}train"],
         drives[f"{part}test"],

@@ -34,7 +34,7 @@ from harness.diagnosis.result.record import write_outcome
 from harness.diagnosis.result.study_gain import REPEATS, StudyGain, refuse_study, study_gain
 from harness.diagnosis.selection.forward_selection import trace
 from harness.diagnosis.selection.parameter_changes import Changes, single_changes
-from harness.identification.data import Drive, measurements_of, steered
+from harness.identification.data import DriveData, measurements_of, steered
 from harness.identification.measured_file import SHORTEST, names_of, refuse_repeated
 from harness.recordings.check.examine import recording_warnings
 
@@ -148,7 +148,7 @@ UNFINISHED = "unfinished"
 
 
 @dataclass(frozen=True)
-class Task:
+class TraceTask:
     """What is to be traced.
 
     Attributes:
@@ -180,7 +180,7 @@ class Task:
     notes: tuple[str, ...] = ()
 
 
-def run_trace(task: Task, folder: Path, console: Console, augmented: AugmentedModel | None = None) -> Outcome:
+def run_trace(task: TraceTask, folder: Path, console: Console, augmented: AugmentedModel | None = None) -> Outcome:
     """Trace, run the estimators and the study, and write ``trace.json`` and both models.
 
     Irregularities of the recordings are printed before anything is computed, and are part of the outcome. The verdict
@@ -232,7 +232,7 @@ def run_trace(task: Task, folder: Path, console: Console, augmented: AugmentedMo
 
 
 def _searched(
-    task: Task, augmented: AugmentedModel, say: Callable[[str], None], failures: Failures, kept: KeptFits
+    task: TraceTask, augmented: AugmentedModel, say: Callable[[str], None], failures: Failures, kept: KeptFits
 ) -> Outcome:
     """Return the verdict on what the model of a task lacks."""
     fitted, held_out = drives_of(task, augmented)
@@ -252,13 +252,13 @@ def _searched(
     return outcome_of(result, say, failures)
 
 
-def augmented_model_of(task: Task) -> AugmentedModel:
+def augmented_model_of(task: TraceTask) -> AugmentedModel:
     """Return the model of a task with everything that its recordings could show, compiled."""
     signals = set.intersection(*({str(v) for v in r} for r in task.train + task.test))
     return AugmentedModel(task.spec, signals, task.jobs, task.excluded)
 
 
-def run_changes(task: Task, console: Console) -> Changes:
+def run_changes(task: TraceTask, console: Console) -> Changes:
     """Refit every parameter of the model of a task alone.
 
     Raises:
@@ -271,7 +271,7 @@ def run_changes(task: Task, console: Console) -> Changes:
         return single_changes(augmented, fitted, held_out, task.stated_noise, say)
 
 
-def drives_of(task: Task, augmented: AugmentedModel) -> tuple[list[Drive], list[Drive]]:
+def drives_of(task: TraceTask, augmented: AugmentedModel) -> tuple[list[DriveData], list[DriveData]]:
     """Return the fitted and the held-out drives of a task in terms of its model."""
     recordings = task.train + task.test
     named = zip(recordings, names_of(recordings), strict=True)
@@ -279,14 +279,14 @@ def drives_of(task: Task, augmented: AugmentedModel) -> tuple[list[Drive], list[
     return drives[: len(task.train)], drives[len(task.train) :]
 
 
-def _compile(task: Task, outcome: Outcome, say: Callable[[str], None]) -> None:
+def _compile(task: TraceTask, outcome: Outcome, say: Callable[[str], None]) -> None:
     """Compile all estimators at once; what fails here is told where it fails again."""
     jobs = outcome.trace.fitting.augmented.jobs
     with suppress(Exception):
         compile_estimators((outcome.nominal, outcome.amended), task.estimators, task.test[0], jobs, say)
 
 
-def _estimated(task: Task, outcome: Outcome, kind: str, say: Callable[[str], None]) -> tuple[EstimatorErrors, ...]:
+def _estimated(task: TraceTask, outcome: Outcome, kind: str, say: Callable[[str], None]) -> tuple[EstimatorErrors, ...]:
     """Return one estimator on the held-out drives; none if it cannot be run."""
     return outcome.failures.attempt(
         f"the estimates of {kind}",
@@ -295,7 +295,7 @@ def _estimated(task: Task, outcome: Outcome, kind: str, say: Callable[[str], Non
     )
 
 
-def _study_gain(task: Task, outcome: Outcome, folder: Path, say: Callable[[str], None]) -> StudyGain | str:
+def _study_gain(task: TraceTask, outcome: Outcome, folder: Path, say: Callable[[str], None]) -> StudyGain | str:
     """Run the study; a trace is not lost because a study cannot be run with what it found."""
     assert task.study is not None
     study = task.study

@@ -24,7 +24,7 @@ from harness.common.errors import UserError
 from harness.common.registry import Role, closest
 from harness.common.units import refuse_misread
 from harness.config import ModelSpec
-from harness.identification.data import Drive
+from harness.identification.data import DriveData
 from harness.identification.innovations import Innovations
 
 METHODS = Role(f"{__package__}.methods", "method", ("Settings", "identify"), "harness/identification/contract.py")
@@ -44,7 +44,7 @@ class Problem:
     """
 
     innovations: Innovations
-    drives: tuple[Drive, ...]
+    drives: tuple[DriveData, ...]
     free: tuple[str, ...]
     seed: int = 0
 

@@ -294,7 +294,9 @@ def measurement_coordinates(spec: ModelSpec, variances: Floats, signals: SignalN
         lower = max(start - bound, math.log(least[a])) if least[a] > 0 else start - bound
         unit = f"({SIGNALS[output].unit})^2" if output in SIGNALS else ""
         name, step = f"measurement_noise {output}", float(steps[a])
-        coordinates.append(Coordinate(name, "measurement", (a,), start, lower, start + bound, True, unit, quantisation=step))
+        coordinates.append(
+            Coordinate(name, "measurement", (a,), start, lower, start + bound, True, unit, quantisation=step)
+        )
     return coordinates
 
 
@@ -311,5 +313,7 @@ def _parameters(spec: ModelSpec, free: Sequence[str], priors: Mapping[str, float
             raise UserError(f"free: '{name}' has no room between its bounds {p.lower:g} and {p.upper:g} {p.unit}")
         c = parameter_coordinate(p, row, spec.values[name], priors.get(name, math.inf))
         prior = c.known_to(std[name]).prior if name in std else math.inf
-        coordinates.append(replace(c, stated_std=min(prior, c.prior), prior=prior if stated and name not in priors else c.prior))
+        coordinates.append(
+            replace(c, stated_std=min(prior, c.prior), prior=prior if stated and name not in priors else c.prior)
+        )
     return coordinates

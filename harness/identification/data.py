@@ -22,7 +22,7 @@ SHORTEST = 20
 
 
 @dataclass(frozen=True)
-class Drive:
+class DriveData:
     """One recording in terms of a model.
 
     Attributes:
@@ -116,7 +116,7 @@ def measurements_of(recording: xr.Dataset, model: Model, name: str) -> Floats:
 
 def drive_from(
     recording: xr.Dataset, model: Model, name: str, between: Between = "held", signal: InputSignal | None = None
-) -> Drive:
+) -> DriveData:
     """Return a recording in terms of a model.
 
     Args:
@@ -134,8 +134,16 @@ def drive_from(
     inputs = inputs_of(recording, model, step_of(recording), between, signal)
     first = _first_mean(model, recording, measurements)
     exact = np.zeros((len(time), len(first) + measurements.shape[1], 0)), np.zeros_like(measurements)
-    return Drive(
-        name, time - time[0], inputs.at, inputs.between, measurements, first, np.zeros_like(first), inputs.errors, *exact
+    return DriveData(
+        name,
+        time - time[0],
+        inputs.at,
+        inputs.between,
+        measurements,
+        first,
+        np.zeros_like(first),
+        inputs.errors,
+        *exact,
     )
 
 

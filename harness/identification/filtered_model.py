@@ -27,7 +27,7 @@ from harness.config import InputSignal, ModelSpec
 from harness.engine.compile import compile_model, load_source, paste
 from harness.engine.simd.lanes import LANES
 from harness.identification import time_loops
-from harness.identification.data import Drive, drive_from, started_by, steered, step_of
+from harness.identification.data import DriveData, drive_from, started_by, steered, step_of
 from harness.identification.free_run import FreeRun, Start
 from harness.identification.input_effects import InputEffects
 from harness.identification.measured_inputs import Between
@@ -84,7 +84,7 @@ Each = Candidates | Sequence[Candidates]
 """Candidates, the same for all recordings or for each recording its own."""
 
 
-def for_each(candidates: Each, drives: Sequence[Drive]) -> Sequence[Candidates]:
+def for_each(candidates: Each, drives: Sequence[DriveData]) -> Sequence[Candidates]:
     """Return the candidates of each recording."""
     return [candidates] * len(drives) if isinstance(candidates, Candidates) else candidates
 
@@ -162,10 +162,10 @@ class FilteredModel(ABC):
         late = {self.row(p.name): [i for i, s in enumerate(sources) if s == p.late] for p in model.parameters if p.late}
         self._late = {row: columns for row, columns in late.items() if columns}
         self._effects = InputEffects(self.duals)
-        self._remembered = LastUsed[tuple[Drive, FilterRun]](REMEMBERED)
+        self._remembered = LastUsed[tuple[DriveData, FilterRun]](REMEMBERED)
 
     @abstractmethod
-    def _filter(self, drive: Drive, candidates: Candidates, total: Floats, notes: tuple[Floats, ...]) -> None:
+    def _filter(self, drive: DriveData, candidates: Candidates, total: Floats, notes: tuple[Floats, ...]) -> None:
         """Run the filter over a recording for ``LANES`` candidates.
 
         Args:
@@ -203,7 +203,7 @@ class FilteredModel(ABC):
 
     def drive(
         self, recording: xr.Dataset, name: str, between: Between = "held", signal: InputSignal | None = None
-    ) -> Drive:
+    ) -> DriveData:
         """Return a recording in terms of this model, with the spread of the first state and what its inputs' errors do.
 
         How far the first state may lie from its mean is taken from a free run of the model at hand over the inputs of
@@ -234,7 +234,7 @@ class FilteredModel(ABC):
         """Return the variance that the first state has besides that of the free run ``(nx,)``."""
         return np.array([self.spec.process_noise[s] for s in self.nominal.states])
 
-    def _with_effects(self, drive: Drive) -> Drive:
+    def _with_effects(self, drive: DriveData) -> DriveData:
         """Return a drive with what the errors of its inputs do to the corrected states and to the outputs."""
         if not drive.input_errors.rows:
             return drive
@@ -246,7 +246,7 @@ class FilteredModel(ABC):
         effects, spread = self._effects.along(read, states, held[:, 0], self.nx)
         return replace(drive, effects=effects, spread=spread)
 
-    def log_likelihoods(self, drives: Sequence[Drive], candidates: Each, keep_first: bool = False) -> Floats:
+    def log_likelihoods(self, drives: Sequence[DriveData], candidates: Each, keep_first: bool = False) -> Floats:
         """Return the log-likelihood of all recordings for each candidate ``(n,)``; minus infinity if it diverges.
 
         Args:
@@ -257,7 +257,7 @@ class FilteredModel(ABC):
         """
         tasks = [(d, c, b) for d, c in zip(drives, for_each(candidates, drives), strict=True) for b in self._batches(c)]
 
-        def of(task: tuple[Drive, Candidates, list[int]]) -> Floats:
+        def of(task: tuple[DriveData, Candidates, list[int]]) -> Floats:
             drive, held, columns = task
             if not keep_first or columns[0] > 0:
                 return self._likelihoods(drive, held.take(columns), self._notes(0))
@@ -284,7 +284,7 @@ class FilteredModel(ABC):
         late = -values[[*self._late]] / self.spec.step
         return tuple(int(n) for n in np.rint(np.where(np.isfinite(late), np.maximum(late, 0.0), 0.0)))
 
-    def read_ahead(self, drive: Drive, values: Floats) -> tuple[Drive, Floats]:
+    def read_ahead(self, drive: DriveData, values: Floats) -> tuple[DriveData, Floats]:
         """Return a recording with what is late of its inputs read ahead, and what is left of the delays.
 
         An input that was recorded late is a negative delay, which no equation of the past follows: over 40 ms the
@@ -310,7 +310,7 @@ class FilteredModel(ABC):
             shifted[row] += samples * self.spec.step
         return shifted
 
-    def _likelihoods(self, drive: Drive, candidates: Candidates, notes: tuple[Floats, ...]) -> Floats:
+    def _likelihoods(self, drive: DriveData, candidates: Candidates, notes: tuple[Floats, ...]) -> Floats:
         """Return the log-likelihoods of up to ``LANES`` candidates, which read inputs ahead alike, on one recording."""
         total = np.empty((2, LANES))
         drive, values = self.read_ahead(drive, candidates.values)
@@ -324,12 +324,12 @@ class FilteredModel(ABC):
         gain, state = np.zeros((samples, self.nx, ny)), np.zeros((samples, self.compiled.nx))
         return *seen, np.zeros((samples, ny, ny)), gain, state
 
-    def run(self, drive: Drive, point: Candidates) -> FilterRun:
+    def run(self, drive: DriveData, point: Candidates) -> FilterRun:
         """Run the filter over a recording for one candidate and keep what it does."""
         notes = self._notes(len(drive.inputs))
         return FilterRun(float(self._likelihoods(drive, point, notes)[0]), *notes)
 
-    def runs(self, drives: Sequence[Drive], points: Each) -> list[FilterRun]:
+    def runs(self, drives: Sequence[DriveData], points: Each) -> list[FilterRun]:
         """Run the filter over every recording, which must not change meanwhile: the last few runs are remembered."""
         pairs = list(zip(drives, for_each(points, drives), strict=True))
         keys = [_key(*pair) for pair in pairs]
@@ -339,7 +339,7 @@ class FilteredModel(ABC):
         self._remembered.keep(keys, list(zip(drives, runs, strict=True)))
         return runs
 
-    def slopes(self, drives: Sequence[Drive], points: Each, directions: Each) -> Slopes:
+    def slopes(self, drives: Sequence[DriveData], points: Each, directions: Each) -> Slopes:
         """Return the log-likelihood of all recordings at a point, with gradient and Fisher information.
 
         Here gains and the covariance of the innovations are held as they are at the point, so that directions of the
@@ -362,7 +362,7 @@ class FilteredModel(ABC):
         gradient, information = (np.sum([f[part] for f in by_drive], axis=0) for part in (0, 1))
         return Slopes(sum(k.log_likelihood for k in kept), gradient, information)
 
-    def sensitivities(self, drive: Drive, values: Floats, directions: Floats, kept: FilterRun) -> Floats:
+    def sensitivities(self, drive: DriveData, values: Floats, directions: Floats, kept: FilterRun) -> Floats:
         """Return derivatives of the whitened innovations with gains and whitening held fixed ``(samples, ny, n)``.
 
         Rows of the first sample and of missing measurements are zero. With ``kept.whitened`` they are what a score
@@ -396,7 +396,7 @@ class FilteredModel(ABC):
             slopes[:, :, s : s + LANES] = derivatives[:, :, : n - s]
         return slopes
 
-    def free_run(self, drive: Drive, values: Floats, start: Start | None = None) -> FreeRun:
+    def free_run(self, drive: DriveData, values: Floats, start: Start | None = None) -> FreeRun:
         """Run the model free over the inputs of a recording.
 
         Args:
@@ -414,11 +414,11 @@ class FilteredModel(ABC):
         simulated[begin : begin + until] = outputs[:until, :, 0]
         return FreeRun(states[: max(1, until), :, 0].copy(), simulated)
 
-    def first_state(self, drive: Drive, values: Floats) -> Floats:
+    def first_state(self, drive: DriveData, values: Floats) -> Floats:
         """Return the state in which a recording begins ``(nx,)``, with parameters ``(np,)``."""
         return self._first(drive, values[:, None])[:, 0]
 
-    def _first(self, drive: Drive, held: Floats) -> Floats:
+    def _first(self, drive: DriveData, held: Floats) -> Floats:
         """Return the first mean in lanes or duals: of the recording, but for states that a parameter starts."""
         first = np.zeros((self.compiled.nx, held.shape[1]))
         first[:, :LANES] = drive.first_mean[:, None]
@@ -434,12 +434,12 @@ class FilteredModel(ABC):
             return list(pool.map(work, tasks))
 
 
-def _key(drive: Drive, point: Candidates) -> tuple[int, bytes, bytes, bytes]:
+def _key(drive: DriveData, point: Candidates) -> tuple[int, bytes, bytes, bytes]:
     """Return what tells a run from others, beside which the drive is kept, so that its id stays its own."""
     return id(drive), point.values.tobytes(), point.process.tobytes(), point.measurement.tobytes()
 
 
-def of_valid(total: Floats, drive: Drive) -> Floats:
+def of_valid(total: Floats, drive: DriveData) -> Floats:
     """Return log-likelihoods, minus infinity where the filter left the range in which the equations hold."""
     likelihood, valid_until = total[0, :LANES], total[1, :LANES]
     return np.where((valid_until < len(drive.inputs)) | ~np.isfinite(likelihood), -np.inf, likelihood)

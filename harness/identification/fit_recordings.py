@@ -21,7 +21,7 @@ from harness.config import ModelSpec
 from harness.config.model_choice import complete
 from harness.config.parameter_set import load_set
 from harness.identification.contract import Fit, Problem, load_method, settings_of
-from harness.identification.data import Drive, refuse_the_same, steered, step_of
+from harness.identification.data import DriveData, refuse_the_same, steered, step_of
 from harness.identification.free_run import blocks
 from harness.identification.innovations import Innovations
 from harness.identification.measured_file import finely, fitted_parameters, names_of, refuse_repeated
@@ -32,7 +32,7 @@ from harness.reporting.document import Prose, plain
 
 
 @dataclass(frozen=True)
-class Task:
+class FitTask:
     """What is to be fitted.
 
     Attributes:
@@ -69,7 +69,7 @@ class Fitted:
 
     problem: Problem
     fit: Fit
-    tests: tuple[Drive, ...]
+    tests: tuple[DriveData, ...]
     notes: tuple[str, ...] = ()
 
     @cached_property
@@ -85,7 +85,7 @@ class Fitted:
         return answer(self.fit)
 
 
-def fit_recordings(task: Task, say: Callable[[str], None] = lambda _: None) -> Fitted:
+def fit_recordings(task: FitTask, say: Callable[[str], None] = lambda _: None) -> Fitted:
     """Fit a model to recordings.
 
     Args:
@@ -188,7 +188,7 @@ class NominalFit:
         spec = finely(table, step, f"--parameters {self.parameters}")
         names = spec.model().parameter_names
         free = (*fitted_parameters(spec, [], "free"), *(n for n in _GEARED if n in names))
-        fitted = fit_recordings(Task(spec, [steered(part, spec.values)], free, settings=_SETTINGS), self._say)
+        fitted = fit_recordings(FitTask(spec, [steered(part, spec.values)], free, settings=_SETTINGS), self._say)
         (judged,) = fitted.judged
         drive = judged.drive
         with np.errstate(invalid="ignore", divide="ignore"):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from harness.common.arrays import Floats
-from harness.identification.data import Drive
+from harness.identification.data import DriveData
 from harness.models.assembly.assemble import Model
 
 BLOCK = 5.0
@@ -36,12 +36,12 @@ class FreeRun:
     outputs: Floats
 
 
-def blocks(drive: Drive) -> int:
+def blocks(drive: DriveData) -> int:
     """Return the number of blocks of a drive that are judged as if they did not depend on each other."""
     return max(FEWEST, int(drive.time[-1] / BLOCK))
 
 
-def found_start(model: Model, drive: Drive, states: Floats) -> Start:
+def found_start(model: Model, drive: DriveData, states: Floats) -> Start:
     """Return where a free run is judged from: behind the first block, in the state that the filter has found there.
 
     Most recordings are cut from a drive, and nobody knows their first state: what follows from a wrong one is no error

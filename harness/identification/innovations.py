@@ -21,7 +21,7 @@ from harness.engine.kernel_names import Belief, State
 from harness.engine.simd.lanes import LANES
 from harness.estimation.contract import kernels_of, load_estimator
 from harness.identification import time_loops
-from harness.identification.data import Drive
+from harness.identification.data import DriveData
 from harness.identification.filtered_model import (
     Candidates,
     Each,
@@ -64,11 +64,11 @@ class Innovations(FilteredModel):
         """The compiled loop of the filter over a recording."""
         return self._plain.innovate
 
-    def log_likelihoods(self, drives: Sequence[Drive], candidates: Each, keep_first: bool = False) -> Floats:
+    def log_likelihoods(self, drives: Sequence[DriveData], candidates: Each, keep_first: bool = False) -> Floats:
         """Return the log-likelihood of each candidate; no run is kept, because the slopes here are not of a run."""
         return super().log_likelihoods(drives, candidates)
 
-    def slopes(self, drives: Sequence[Drive], points: Each, directions: Each) -> Slopes:
+    def slopes(self, drives: Sequence[DriveData], points: Each, directions: Each) -> Slopes:
         """Return the log-likelihood of all recordings at a point, with its exact gradient and Fisher information.
 
         Args:
@@ -85,7 +85,7 @@ class Innovations(FilteredModel):
             information += flat.T @ flat
         return Slopes(total, gradient, information)
 
-    def scores(self, drives: Sequence[Drive], points: Each, directions: Each) -> list[Floats]:
+    def scores(self, drives: Sequence[DriveData], points: Each, directions: Each) -> list[Floats]:
         """Return the derivatives of every sample's log-likelihood ``(samples, n)``, recording by recording.
 
         With the whitened innovations ``w``, those are ``-(L^-1 de)' w + tr(G (w w' - 1)) / 2`` (``note_slopes``).
@@ -106,7 +106,7 @@ class Innovations(FilteredModel):
         return by_drive
 
     def _every_slope(
-        self, drives: Sequence[Drive], points: Each, directions: Each
+        self, drives: Sequence[DriveData], points: Each, directions: Each
     ) -> Iterator[tuple[float, Floats, Floats]]:
         """Return of each recording the log-likelihood, its gradient ``(n,)`` and what ``note_slopes`` keeps."""
         at, along = for_each(points, drives), for_each(directions, drives)
@@ -123,7 +123,7 @@ class Innovations(FilteredModel):
             gradient = np.concatenate([g for _, g, _ in of_drive])[:n]
             yield of_drive[0][0], gradient, np.concatenate([r for _, _, r in of_drive], axis=2)[:, :, :n]
 
-    def _slope(self, drive: Drive, point: Candidates, directions: Candidates) -> tuple[float, Floats, Floats]:
+    def _slope(self, drive: DriveData, point: Candidates, directions: Candidates) -> tuple[float, Floats, Floats]:
         samples, ny = drive.measurements.shape
         drive, values = self.read_ahead(drive, point.values)
         point = replace(point, values=values)
@@ -132,14 +132,14 @@ class Innovations(FilteredModel):
         self._innovate(self._slopes, self.duals, drive, _dual(point, directions), total, rows)
         return float(of_valid(total, drive)[0]), total[0, LANES:].copy(), rows
 
-    def _filter(self, drive: Drive, candidates: Candidates, total: Floats, notes: tuple[Floats, ...]) -> None:
+    def _filter(self, drive: DriveData, candidates: Candidates, total: Floats, notes: tuple[Floats, ...]) -> None:
         self._innovate(self._plain, self.compiled, drive, candidates, total, notes)
 
     def _innovate(
         self,
         module: ModuleType,
         compiled: CompiledModel,
-        drive: Drive,
+        drive: DriveData,
         candidates: Candidates,
         total: Floats,
         notes: object,

@@ -14,7 +14,7 @@ from harness.engine.compile import CompiledModel, load_source, paste
 from harness.engine.kernel_names import LANES, NW, NX, NY, get, next_state, output, put
 from harness.engine.simd import lanes as plain
 from harness.engine.simd.dual import tangent_of, with_tangent
-from harness.identification.data import Drive
+from harness.identification.data import DriveData
 
 
 def input_tangents(u, between, constants, states, moved, ahead, outputs):
@@ -56,8 +56,8 @@ class InputEffects:
     def __init__(self, duals: CompiledModel) -> None:
         self._duals = duals
 
-    def along(self, drive: Drive, states: Floats, values: Floats, nx: int) -> tuple[Floats, Floats]:
-        """Return what the errors of a drive's inputs do, as ``Drive`` has it in ``effects`` and ``spread``.
+    def along(self, drive: DriveData, states: Floats, values: Floats, nx: int) -> tuple[Floats, Floats]:
+        """Return what the errors of a drive's inputs do, as ``DriveData`` has it in ``effects`` and ``spread``.
 
         Args:
             drive: The recording.
@@ -83,7 +83,7 @@ class InputEffects:
         return np.ascontiguousarray(effects), self._spread(drive, A, H, G, D)
 
     def _tangents(
-        self, drive: Drive, states: Floats, values: Floats, moved: Floats, rows: int
+        self, drive: DriveData, states: Floats, values: Floats, moved: Floats, rows: int
     ) -> tuple[Floats, Floats]:
         source = paste(self._duals, "input_tangents", [input_tangents])
         kernel = load_source("input_tangents", source).input_tangents
@@ -101,7 +101,7 @@ class InputEffects:
                 f[:, :, s : s + plain.LANES] = part[:, :, : n - s]
         return derivatives
 
-    def _spread(self, drive: Drive, A: Floats, H: Floats, G: Floats, D: Floats) -> Floats:
+    def _spread(self, drive: DriveData, A: Floats, H: Floats, G: Floats, D: Floats) -> Floats:
         """Return the variances of the outputs of a free run: the linear model driven by the errors of the inputs.
 
         The errors of a smoothed input are a Markov process, whose transition the smoother knows.

@@ -15,7 +15,7 @@ from harness.common.arrays import Floats, Mask
 from harness.common.last_used import LastUsed
 from harness.engine.simd.lanes import LANES
 from harness.identification.coordinates import Coordinates
-from harness.identification.data import Drive
+from harness.identification.data import DriveData
 from harness.identification.filtered_model import FilteredModel
 
 _SPEED = "speed"
@@ -39,13 +39,13 @@ class Driveable:
         driven: Recordings at whose speeds the model must be stable; those that are fitted by default.
     """
 
-    def __init__(self, model: FilteredModel, fitted: Sequence[Drive], driven: Sequence[Drive] = ()) -> None:
+    def __init__(self, model: FilteredModel, fitted: Sequence[DriveData], driven: Sequence[DriveData] = ()) -> None:
         self.model, self.drives = model, tuple(fitted)
         self.speeds = self._speeds(driven or fitted)
         self._samples = max(len(d.time) for d in driven or fitted)
         self._known = LastUsed[bool](_REMEMBERED)
 
-    def _speeds(self, drives: Sequence[Drive]) -> Floats:
+    def _speeds(self, drives: Sequence[DriveData]) -> Floats:
         if _SPEED not in self.model.model.inputs:
             return np.zeros(0)
         column = self.model.model.inputs.index(_SPEED)
@@ -129,7 +129,7 @@ class LogPosterior:
     def __init__(
         self,
         model: FilteredModel,
-        drives: Sequence[Drive],
+        drives: Sequence[DriveData],
         coordinates: Coordinates,
         driveable: Driveable | None = None,
     ) -> None:

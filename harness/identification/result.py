@@ -17,7 +17,7 @@ from harness.common.series import packed
 from harness.common.statistics import grows
 from harness.config.parameter_set import set_text
 from harness.identification.contract import Estimate, Fit, Problem
-from harness.identification.data import Drive
+from harness.identification.data import DriveData
 from harness.identification.filtered_model import Candidates, Each, FilteredModel, FilterRun, for_each
 from harness.identification.free_run import blocks, found_start
 from harness.identification.whiteness import Whiteness, whiteness
@@ -40,7 +40,7 @@ class DriveJudgement:
         whiteness: Of each output's whitened innovations.
     """
 
-    drive: Drive
+    drive: DriveData
     simulated: Floats
     simulation_error: Floats
     one_step_error: Floats
@@ -58,7 +58,7 @@ def stays(simulated: Floats) -> bool:
     return bool(np.isfinite(simulated[-1]).all())
 
 
-def judged_on(model: FilteredModel, drives: Sequence[Drive], points: Each) -> tuple[DriveJudgement, ...]:
+def judged_on(model: FilteredModel, drives: Sequence[DriveData], points: Each) -> tuple[DriveJudgement, ...]:
     """Judge a model on every recording.
 
     Args:
@@ -76,7 +76,7 @@ def judged_on(model: FilteredModel, drives: Sequence[Drive], points: Each) -> tu
     return tuple(model.share(of_drive, range(len(drives))))
 
 
-def _judged(drive: Drive, simulated: Floats, run: FilterRun) -> DriveJudgement:
+def _judged(drive: DriveData, simulated: Floats, run: FilterRun) -> DriveJudgement:
     return DriveJudgement(
         drive,
         simulated,
@@ -109,7 +109,7 @@ class Judged:
     after: DriveJudgement
 
     @property
-    def drive(self) -> Drive:
+    def drive(self) -> DriveData:
         """The recording."""
         return self.after.drive
 
@@ -139,7 +139,7 @@ class Judged:
         return self.after.whiteness
 
 
-def judge(problem: Problem, fit: Fit, held_out: tuple[Drive, ...] = ()) -> list[Judged]:
+def judge(problem: Problem, fit: Fit, held_out: tuple[DriveData, ...] = ()) -> list[Judged]:
     """Judge the fit on the fitted and on the held-out recordings."""
     innovations, judged = problem.innovations, []
     for drives, kept_aside in ((problem.drives, False), (held_out, True)):
@@ -175,7 +175,7 @@ def failure(judged: Sequence[Judged]) -> str:
     )
 
 
-def _growth(drive: Drive, errors: Sequence[Floats], power: Floats) -> Floats:
+def _growth(drive: DriveData, errors: Sequence[Floats], power: Floats) -> Floats:
     """Return by how much the squared simulation error grows in blocks of a drive, over its mean, of all outputs."""
     with np.errstate(invalid="ignore", divide="ignore"):
         grown = (errors[1] ** 2 - errors[0] ** 2) / power
@@ -329,7 +329,7 @@ def series_of(judged: Sequence[Judged], model: Model) -> bytes:
     return packed(series)
 
 
-def _path(drive: Drive, model: Model) -> dict[str, Floats]:
+def _path(drive: DriveData, model: Model) -> dict[str, Floats]:
     signals = {name: drive.inputs[:, i] for i, name in enumerate(model.inputs)}
     signals |= {name: drive.measurements[:, i] for i, name in enumerate(model.outputs)}
     speed = next((signals[n] for n in ("speed", "longitudinal_velocity") if n in signals), None)

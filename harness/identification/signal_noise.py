@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.common.arrays import Floats
-from harness.identification.data import Drive
+from harness.identification.data import DriveData
 
 _FURTHEST_BELOW = 100.0
 """Factor by which the variance of a sensor's noise may be below that of the fourth differences: they count quick motion
@@ -32,7 +32,7 @@ class SignalNoise:
     least: Floats
 
 
-def signal_noise(drives: Sequence[Drive]) -> SignalNoise:
+def signal_noise(drives: Sequence[DriveData]) -> SignalNoise:
     """Return the noise of the outputs of drives."""
     outputs = range(drives[0].measurements.shape[1])
     steps = np.array([resolution(drives, a) for a in outputs]) ** 2 / 12.0
@@ -40,7 +40,7 @@ def signal_noise(drives: Sequence[Drive]) -> SignalNoise:
     return SignalNoise(steps, np.maximum(steps, white / _FURTHEST_BELOW))
 
 
-def resolution(drives: Sequence[Drive], output: int) -> float:
+def resolution(drives: Sequence[DriveData], output: int) -> float:
     """Return the smallest step between values of an output: that of its quantisation, if it has one."""
     values = np.concatenate([d.measurements[:, output] for d in drives])
     values = np.unique(values[np.isfinite(values)])
@@ -49,7 +49,7 @@ def resolution(drives: Sequence[Drive], output: int) -> float:
     return float(steps.min()) if steps.size else 0.0
 
 
-def white_noise(drives: Sequence[Drive], output: int) -> float:
+def white_noise(drives: Sequence[DriveData], output: int) -> float:
     """Return the variance of the white noise on an output of drives."""
     return white_variance([d.measurements[:, output] for d in drives])
 

@@ -27,7 +27,7 @@ from harness.engine.kernel_names import (
     select,
     splat,
 )
-from harness.identification.data import Drive, started_by
+from harness.identification.data import DriveData, started_by
 from harness.runner.limits import outside
 from harness.runner.simulation_loop import FREE, record_start, record_state, run_vehicle, state_room
 
@@ -130,7 +130,7 @@ class Misfit:
         compiled: CompiledModel,
         values: Mapping[str, float],
         free: Sequence[Free],
-        drives: Sequence[Drive],
+        drives: Sequence[DriveData],
         known: Known | None = None,
         jobs: int = 1,
     ) -> None:
@@ -190,7 +190,7 @@ class Misfit:
         return np.asarray(np.sum(total / self.scale, axis=1))
 
 
-def _check(compiled: CompiledModel, free: Sequence[Free], drives: Sequence[Drive]) -> None:
+def _check(compiled: CompiledModel, free: Sequence[Free], drives: Sequence[DriveData]) -> None:
     names = [d.name for d in drives]
     if not free:
         raise UserError("no parameter is free; name at least one")
@@ -201,7 +201,9 @@ def _check(compiled: CompiledModel, free: Sequence[Free], drives: Sequence[Drive
             near = closest(parameter.parameter, compiled.model.parameter_names)
             raise UserError(f"model '{compiled.model.name}' has no parameter '{parameter.parameter}'{near}")
         if not parameter.lower < parameter.upper:
-            raise UserError(f"'{parameter.parameter}': the search range {parameter.lower:g} to {parameter.upper:g} is empty")
+            raise UserError(
+                f"'{parameter.parameter}': the search range {parameter.lower:g} to {parameter.upper:g} is empty"
+            )
         for name in parameter.drives:
             if name not in names:
                 raise UserError(
@@ -209,7 +211,7 @@ def _check(compiled: CompiledModel, free: Sequence[Free], drives: Sequence[Drive
                 )
 
 
-def _spread(compiled: CompiledModel, drives: Sequence[Drive]) -> Floats:
+def _spread(compiled: CompiledModel, drives: Sequence[DriveData]) -> Floats:
     """Return the norm of each output about its mean over all recordings, the denominators of (4.26), ``(ny,)``."""
     every = np.concatenate([d.measurements for d in drives])
     for column, name in zip(every.T, compiled.model.outputs, strict=True):

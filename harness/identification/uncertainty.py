@@ -113,7 +113,7 @@ def marginal(information: Floats, rows: Sequence[int]) -> Floats:
 
 
 @dataclass(frozen=True)
-class Knowledge:
+class Uncertainty:
     """What the Fisher information says about the coordinates of a fit.
 
     Attributes:
@@ -138,7 +138,7 @@ def at_bound(z: float, lower: float, upper: float) -> int:
     return 1 if upper - z < near else -1 if z - lower < near else 0
 
 
-def limits_of_knowledge(space: Coordinates, z: Floats, information: Floats) -> Knowledge:
+def limits_of_knowledge(space: Coordinates, z: Floats, information: Floats) -> Uncertainty:
     """Return errors and correlation of the coordinates, those at a bound held there.
 
     Directions that the information leaves empty (two parameters of which only the product acts) make the error of
@@ -163,7 +163,7 @@ def limits_of_knowledge(space: Coordinates, z: Floats, information: Floats) -> K
         correlation[np.ix_(determined, determined)] = covariance.correlation
         alone = covariance_of((information - np.diag(space.weight))[np.ix_(determined, determined)])
         multiple[determined] = np.sqrt(1.0 - 1.0 / np.maximum(np.diagonal(alone.unit), 1.0))
-    return Knowledge(error, correlation, side, multiple, _unlearnt(space, information, determined))
+    return Uncertainty(error, correlation, side, multiple, _unlearnt(space, information, determined))
 
 
 def _unlearnt(space: Coordinates, information: Floats, determined: Mask) -> Mask:
@@ -177,7 +177,10 @@ def _unlearnt(space: Coordinates, information: Floats, determined: Mask) -> Mask
     recorded = alone[np.ix_(rows, rows)]
     if others.size:  # all else free
         across = alone[np.ix_(rows, others)]
-        recorded = recorded - across @ np.linalg.pinv(alone[np.ix_(others, others)], rcond=_SINGULAR, hermitian=True) @ across.T
+        recorded = (
+            recorded
+            - across @ np.linalg.pinv(alone[np.ix_(others, others)], rcond=_SINGULAR, hermitian=True) @ across.T
+        )
     values, vectors = np.linalg.eigh(recorded * np.outer(before[rows], before[rows]))
     unlearnt[rows] = (vectors[:, values < 1.0] ** 2).sum(axis=1) > _LEARNT_BY
     return unlearnt
@@ -201,7 +204,7 @@ class Summit:
     z: Floats
     value: float
     information: Floats
-    knowledge: Knowledge
+    knowledge: Uncertainty
 
 
 @dataclass(frozen=True)
@@ -360,7 +363,7 @@ def _in_values(c: Coordinate, at: Floats, drop: Floats) -> Profile:
 
 
 def _judge(
-    space: Coordinates, knowledge: Knowledge, i: int, z: float, lower: float, upper: float
+    space: Coordinates, knowledge: Uncertainty, i: int, z: float, lower: float, upper: float
 ) -> tuple[Verdict, str]:
     """Return the verdict on a coordinate and the reason in a sentence."""
     c = space.coordinates[i]
@@ -403,7 +406,7 @@ def _width(c: Coordinate, z: float, lower: float, upper: float) -> str:
     return f"95 % interval from {100 * below:.2g} % below to {100 * above:.2g} % above"
 
 
-def _partners(space: Coordinates, knowledge: Knowledge, i: int) -> str:
+def _partners(space: Coordinates, knowledge: Uncertainty, i: int) -> str:
     """Name the other coordinates that nearly move together with one, the strongest first."""
     strength = np.abs(knowledge.correlation[i])
     strength[i] = 0.0

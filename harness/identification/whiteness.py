@@ -18,7 +18,7 @@ from scipy import stats
 from scipy.stats import chi2
 
 from harness.common.arrays import Floats
-from harness.identification.data import Drive
+from harness.identification.data import DriveData
 from harness.identification.filtered_model import FilterRun
 from harness.identification.free_run import blocks
 from harness.identification.uncertainty import NORMAL, Colour, Summit, covariance_of
@@ -114,7 +114,7 @@ def coloured_outputs(runs: Sequence[FilterRun], outputs: Sequence[str]) -> tuple
     )
 
 
-def block_sums(scores: Sequence[Floats], drives: Sequence[Drive]) -> Floats:
+def block_sums(scores: Sequence[Floats], drives: Sequence[DriveData]) -> Floats:
     """Return the sums of the scores of each drive ``(samples, n)`` over its blocks ``(blocks, n)``."""
     parts = (part for s, d in zip(scores, drives, strict=True) for part in np.array_split(s, blocks(d)))
     return np.array([part.sum(axis=0) for part in parts])

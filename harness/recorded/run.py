@@ -25,7 +25,7 @@ from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
 from harness.estimation.contract import Estimator
 from harness.estimation.history import FollowedEstimator, History
-from harness.identification.data import Drive
+from harness.identification.data import DriveData
 from harness.identification.innovations import Innovations
 from harness.identification.signal_noise import white_variance
 from harness.models.roles import SENSORS
@@ -105,7 +105,9 @@ class RecordedModel:
         self.compiled = compile_model(model, spec.step, spec.integrator, spec.substeps, self.signals)
         self.filtered = Innovations(spec, jobs=jobs)
 
-    def drive(self, recording: xr.Dataset, name: str = "recording", input_signal: InputSignal | None = None) -> Drive:
+    def drive(
+        self, recording: xr.Dataset, name: str = "recording", input_signal: InputSignal | None = None
+    ) -> DriveData:
         """Return a recording in terms of the model, with the spread of the first state.
 
         A measured state begins as measured, others as the vehicle states, else at zero. How far they may be off is the
@@ -185,7 +187,7 @@ class RecordedEstimator:
         self._estimator = Estimator(kind, model.compiled, self.settings, folder)
         self._followed = FollowedEstimator(kind, model.compiled, recorded=True, input_errors=True)
 
-    def run(self, recording: xr.Dataset, seed: int = 0, drive: Drive | None = None) -> xr.Dataset:
+    def run(self, recording: xr.Dataset, seed: int = 0, drive: DriveData | None = None) -> xr.Dataset:
         """Run over a recording.
 
         Args:
@@ -245,7 +247,7 @@ class RecordedEstimator:
         return self._dataset(recording, about, drive, references, kept)
 
     def _dataset(
-        self, recording: xr.Dataset, about: str, drive: Drive, references: Mapping[str, str], kept: History
+        self, recording: xr.Dataset, about: str, drive: DriveData, references: Mapping[str, str], kept: History
     ) -> xr.Dataset:
         spec, estimator = self.model.spec, self._estimator
         lost = np.flatnonzero(_is_lost(kept.facts, estimator.has_covariance))
@@ -318,7 +320,7 @@ def _put(
     data[variable] = ("time", values.copy(), attributes)
 
 
-def _put_innovations(data: xr.Dataset, ports: Mapping[str, str], kept: History, drive: Drive, stated: bool) -> None:
+def _put_innovations(data: xr.Dataset, ports: Mapping[str, str], kept: History, drive: DriveData, stated: bool) -> None:
     """Enter measurements, innovations, their covariance, NIS and likelihood; NaN where nothing was measured."""
     missing = ~np.isfinite(drive.measurements)
     missing[0] = True

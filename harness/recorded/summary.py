@@ -13,7 +13,7 @@ import xarray as xr
 from harness.common.arrays import Floats
 from harness.common.statistics import average_bounds
 from harness.estimation.contract import chi_square_bounds
-from harness.identification.data import Drive
+from harness.identification.data import DriveData
 from harness.identification.filtered_model import FilterRun
 from harness.identification.whiteness import LAGS, Whiteness, is_white, whiteness
 from harness.models.quantities import listed, quantity, words
@@ -40,7 +40,7 @@ class Consistency:
     outputs: dict[str, Whiteness]
 
 
-def consistency(drive: Drive, run: FilterRun, outputs: Iterable[str]) -> Consistency:
+def consistency(drive: DriveData, run: FilterRun, outputs: Iterable[str]) -> Consistency:
     """Judge a run of the filter over a recording."""
     seen = np.isfinite(run.whitened)
     nis, degrees = np.nansum(run.whitened**2, axis=1), seen.sum(axis=1)

@@ -28,7 +28,7 @@ from harness.identification.coordinates import (
     measurement_coordinates,
     process_coordinates,
 )
-from harness.identification.data import Drive
+from harness.identification.data import DriveData
 from harness.identification.filtered_model import Candidates
 from harness.identification.fisher_scoring import Maximum, maximise
 from harness.identification.objective import LogPosterior
@@ -119,7 +119,7 @@ class NoiseTuning:
 
     model: RecordedModel
     spec: ModelSpec
-    drives: tuple[Drive, ...]
+    drives: tuple[DriveData, ...]
     variances: tuple[Variance, ...]
     log_likelihood: tuple[float, float]
     before: tuple[Consistency, ...]
@@ -169,7 +169,7 @@ def tune_noise(
     """
     say("reading")
     drives = tuple(model.drive(r, name_of(r)) for r in recordings)
-    search = _Search(model, drives, by)
+    search = _NoiseSearch(model, drives, by)
     stated = search.value(search.space.centre)
     say("searching")
     best = search.climb()
@@ -193,10 +193,10 @@ def tune_noise(
     )
 
 
-class _Search:
+class _NoiseSearch:
     """The likelihood of recordings as a function of the logarithms of the variances."""
 
-    def __init__(self, model: RecordedModel, drives: Sequence[Drive], by: By) -> None:
+    def __init__(self, model: RecordedModel, drives: Sequence[DriveData], by: By) -> None:
         spec, self.model = model.spec, model
         outputs = list(spec.model().outputs)
         variances = np.array([spec.measurement_noise[n] for n in outputs])

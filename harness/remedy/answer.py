@@ -8,7 +8,7 @@ import numpy as np
 
 from harness.models.quantities import listed, words
 from harness.remedy.choices import AS_IT_IS, Equipment, Remedy
-from harness.remedy.judge import Outcome, best, helps, nominal_cost, without_sensor
+from harness.remedy.judge import RemedyOutcome, best, helps, nominal_cost, without_sensor
 from harness.remedy.run import Tried
 from harness.reporting.style import number, percent, with_unit
 
@@ -45,7 +45,7 @@ def _main(tried: Tried) -> Iterator[str]:
     yield text
 
 
-def _effect(o: Outcome, first: Outcome) -> str:
+def _effect(o: RemedyOutcome, first: RemedyOutcome) -> str:
     """Say what a remedy does to the boxes, else to the errors at the worst level."""
     parts = []
     if o.boxes:

@@ -238,7 +238,9 @@ def applied(study: Study, remedy: Remedy, estimator: str, tuning: Path | None = 
         content["belief"]["values"] = content["plant"].get("values", {})
     kept = [d for i, d in enumerate(raw.design) if i == 0 or d.sampling == "tolerance"]
     content["design"] = [d.model_dump(exclude_unset=True, exclude_none=True) for d in kept]
-    for factor in (f for d in content["design"] for f in d.get("factor", []) if f["parameter"] in remedy.ideal_parameters):
+    for factor in (
+        f for d in content["design"] for f in d.get("factor", []) if f["parameter"] in remedy.ideal_parameters
+    ):
         factor["of"] = "both"
     is_tuned = any(e.noise for e in study.estimators if e.name == estimator)
     for key in ("history", "report", *(() if is_tuned else ("tuning",))):

@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 
 from harness.models.quantities import listed, words
 from harness.remedy.choices import AS_IT_IS
-from harness.remedy.judge import Outcome, harm
+from harness.remedy.judge import RemedyOutcome, harm
 from harness.remedy.run import Tried
 from harness.reporting import style
 from harness.reporting.style import percent
@@ -22,7 +22,7 @@ _LINE = 0.165
 _WIDTH = 50
 
 
-def in_order(tried: Tried) -> list[Outcome]:
+def in_order(tried: Tried) -> list[RemedyOutcome]:
     """Return all outcomes, the one to take first, then by the harm that is left."""
     first = tried.outcomes[0]
     return [tried.best, *sorted((o for o in tried.outcomes if o is not tried.best), key=lambda o: harm(o, first))]
@@ -59,7 +59,7 @@ def boxes(tried: Tried) -> bytes:
         return style.svg(fig)
 
 
-def _label(o: Outcome, tried: Tried) -> str:
+def _label(o: RemedyOutcome, tried: Tried) -> str:
     label = o.remedy.phrase_with_sensors(tried.drivers)
     return f"to take: {label}" if o is tried.best and o is not tried.outcomes[0] else label
 
@@ -90,7 +90,9 @@ def levels(tried: Tried) -> bytes:
         return style.svg(fig)
 
 
-def _panel(axes: Axes, t: int, chosen: dict[str, Outcome], looks: dict[str, style.Look], first: Outcome) -> None:
+def _panel(
+    axes: Axes, t: int, chosen: dict[str, RemedyOutcome], looks: dict[str, style.Look], first: RemedyOutcome
+) -> None:
     style.mark_matched(axes, first.home)
     seen = []
     for name, o in chosen.items():

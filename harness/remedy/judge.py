@@ -28,7 +28,7 @@ _NO_ROOM = 1e-6
 
 
 @dataclass(frozen=True)
-class Outcome:
+class RemedyOutcome:
     """What came of a remedy.
 
     Attributes:
@@ -65,7 +65,7 @@ class Outcome:
     step_time: float
 
 
-def judged(remedy: Remedy, study: Study, results: StudyResults, step_time: float) -> Outcome:
+def judged(remedy: Remedy, study: Study, results: StudyResults, step_time: float) -> RemedyOutcome:
     """Return what came of a remedy by the results of its study."""
     design = results.designs[0]
     wanted = [t for t, q in enumerate(design.targets) if q.name not in study.belief.estimated_parameters]
@@ -80,7 +80,7 @@ def judged(remedy: Remedy, study: Study, results: StudyResults, step_time: float
         if design.matched is None:
             nominal = _median(nested.errors[wanted, 0, 0, :, 0].reshape(len(wanted), -1))
     nees, consistent = _consistency(design)
-    return Outcome(
+    return RemedyOutcome(
         remedy=remedy,
         study=study,
         targets=[design.targets[t] for t in wanted],
@@ -114,7 +114,7 @@ def _consistency(design: Design) -> tuple[float, float]:
     return float(np.median(finite)) / design.state_dimension, float(np.mean(finite <= highest))
 
 
-def harm(outcome: Outcome, first: Outcome) -> float:
+def harm(outcome: RemedyOutcome, first: RemedyOutcome) -> float:
     """Return how bad a remedy leaves things, one number to put remedies in order by: 1 for the study as it is.
 
     Where the study asks for tolerance boxes, the sum of their sizes as it is over that with the remedy. Else the error
@@ -125,29 +125,29 @@ def harm(outcome: Outcome, first: Outcome) -> float:
     return float(np.max(outcome.medians.max(axis=1) / first.medians.max(axis=1)))
 
 
-def _room(outcome: Outcome) -> float:
+def _room(outcome: RemedyOutcome) -> float:
     """Return the sizes of the boxes together; the median reach decides between boxes that are zero."""
     return sum(b.box + 1e-3 * b.typical for b in outcome.boxes.values())
 
 
-def best(outcomes: Sequence[Outcome], first: Outcome) -> Outcome:
+def best(outcomes: Sequence[RemedyOutcome], first: RemedyOutcome) -> RemedyOutcome:
     """Return the remedy to take: the least harm; of those about as good, the one that needs least."""
     harms = [harm(o, first) for o in outcomes]
     good = [o for o, h in zip(outcomes, harms, strict=True) if h <= ALIKE * min(harms)]
     return min(good, key=lambda o: (len(o.remedy.added), len(o.remedy.estimated + o.remedy.banked), harm(o, first)))
 
 
-def helps(outcome: Outcome, first: Outcome) -> bool:
+def helps(outcome: RemedyOutcome, first: RemedyOutcome) -> bool:
     """Whether a remedy makes things better."""
     return outcome is not first and harm(outcome, first) <= HELPS
 
 
-def without_sensor(outcomes: Sequence[Outcome]) -> list[Outcome]:
+def without_sensor(outcomes: Sequence[RemedyOutcome]) -> list[RemedyOutcome]:
     """Return the outcomes of what needs no further sensor."""
     return [o for o in outcomes if not o.remedy.added]
 
 
-def nominal_cost(outcome: Outcome, first: Outcome) -> float:
+def nominal_cost(outcome: RemedyOutcome, first: RemedyOutcome) -> float:
     """Return the error where the vehicle is as believed over that as it is, of the target for which it is largest."""
     with np.errstate(invalid="ignore", divide="ignore"):
         ratios = outcome.nominal / first.nominal

@@ -19,7 +19,7 @@ from harness.remedy import figures
 from harness.remedy.answer import answer, further, times
 from harness.remedy.choices import Remedy, prior
 from harness.remedy.choices import parameters as parameters_of
-from harness.remedy.judge import Outcome, nominal_cost
+from harness.remedy.judge import RemedyOutcome, nominal_cost
 from harness.remedy.run import Tried
 from harness.reporting.document import (
     Block,
@@ -133,7 +133,7 @@ def _answer(tried: Tried) -> list[Block]:
     return [*blocks, bullets, _table(tried), _further_table(tried)]
 
 
-def _rows(tried: Tried) -> list[Outcome]:
+def _rows(tried: Tried) -> list[RemedyOutcome]:
     return [*figures.in_order(tried), *([tried.ideal] if tried.ideal else [])]
 
 
@@ -170,7 +170,7 @@ def _table(tried: Tried) -> Sheet:
     return Sheet(_broken(header), rows, caption)
 
 
-def _against(o: Outcome, first: Outcome, t: int) -> str:
+def _against(o: RemedyOutcome, first: RemedyOutcome, t: int) -> str:
     """Write an error at the worst level, and over that as it is."""
     highest, before = o.medians[t].max(), first.medians[t].max()
     ratio = "" if o is first or not np.isfinite(highest) else f" ({times(highest / before)})"

@@ -25,7 +25,7 @@ from harness.realtime.measure import contestants, measure
 from harness.realtime.outcome import PACES
 from harness.remedy import choices, traced
 from harness.remedy.choices import AS_IT_IS, Equipment, Remedy
-from harness.remedy.judge import Outcome, best, harm, judged
+from harness.remedy.judge import RemedyOutcome, best, harm, judged
 from harness.remedy.promise import Promise, promises
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
@@ -72,9 +72,9 @@ class Tried:
     study: Study
     estimator: str
     drivers: tuple[str, ...]
-    outcomes: list[Outcome]
-    best: Outcome
-    ideal: Outcome | None
+    outcomes: list[RemedyOutcome]
+    best: RemedyOutcome
+    ideal: RemedyOutcome | None
     cycle: tuple[float, float]
     slower: tuple[float, float]
     promise: dict[Equipment | None, Promise]
@@ -185,8 +185,8 @@ def _against_effects(study: Study, estimator: str, most: int) -> _Plan:
 
 
 def _more_estimated(
-    attempt: partial[Outcome], outcomes: Sequence[Outcome], plan: _Plan, console: Console
-) -> list[Outcome]:
+    attempt: partial[RemedyOutcome], outcomes: Sequence[RemedyOutcome], plan: _Plan, console: Console
+) -> list[RemedyOutcome]:
     """Estimate one more driver at a time, or bank over it, beside those with which it gains most, as long as it gains.
 
     All together may be worse than some: what a drive does not tell apart is put down to the wrong one.
@@ -206,7 +206,9 @@ def _kind(study: Study, estimator: str) -> str:
     return next(e.kind for e in study.estimators if e.name == estimator)
 
 
-def _all(attempt: partial[Outcome], further: Sequence[Remedy], console: Console, lost: dict[str, str]) -> list[Outcome]:
+def _all(
+    attempt: partial[RemedyOutcome], further: Sequence[Remedy], console: Console, lost: dict[str, str]
+) -> list[RemedyOutcome]:
     """Try remedies, and note those that are not possible."""
     outcomes = []
     for number, remedy in enumerate(further, 1):
@@ -241,7 +243,7 @@ def _attempt(
     restart: bool,
     console: Console,
     remedy: Remedy,
-) -> Outcome:
+) -> RemedyOutcome:
     """Run one remedy, or go on with it, and return what came of it."""
     folder = inside(out, remedy.slug)
     tuning = _tuned(study, estimator, out, jobs, restart, console, remedy) if remedy.tuned else None

@@ -11,7 +11,7 @@ import pytest
 from harness.common.last_used import LastUsed
 from harness.diagnosis.criteria import BIC_NEEDED, HOPEFUL
 from harness.diagnosis.fitting import fit
-from harness.diagnosis.fitting.fit import Fitted, Fitting
+from harness.diagnosis.fitting.fit import FittedHypothesis, Fitting
 from harness.diagnosis.model.hypotheses import hypotheses
 from harness.diagnosis.selection.candidate_fits import CandidateFits
 from harness.diagnosis.selection.forward_selection import first_variances
@@ -74,7 +74,7 @@ def test_what_is_far_behind_or_has_ended_is_not_fitted_on(monkeypatch, behind, e
 
     def fit(self, added, start, turns=3, afresh=True, least=0.0):
         asked.append((added, start, turns, afresh))
-        return Fitted((), "end", 0.0, -behind if added == ("one",) else 0.0, added != ("one",) or ended)
+        return FittedHypothesis((), "end", 0.0, -behind if added == ("one",) else 0.0, added != ("one",) or ended)
 
     monkeypatch.setattr(CandidateFits, "fit", fit)
     fits = CandidateFits.__new__(CandidateFits)
@@ -92,7 +92,7 @@ def test_the_first_sets_what_the_others_must_promise_and_the_best_what_is_fitted
 
     def fit(self, added, start, turns=3, afresh=True, least=0.0):
         asked[added[0], turns] = least
-        return Fitted((), "end", 0.0, reached[added[0]])
+        return FittedHypothesis((), "end", 0.0, reached[added[0]])
 
     monkeypatch.setattr(CandidateFits, "fit", fit)
     fits = CandidateFits.__new__(CandidateFits)

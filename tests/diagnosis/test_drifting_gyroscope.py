@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from harness.diagnosis.fitting.fit import Fitting, Point
+from harness.diagnosis.fitting.fit import Fitting, ParameterPoint
 from harness.diagnosis.model.hypotheses import coordinates, hypotheses
 from harness.diagnosis.result.estimator_gain import fitted_model
 from harness.diagnosis.selection.acceptance import objections
@@ -32,7 +32,7 @@ def found(augmented):
     return trace(augmented, drives[:2], drives[2:], FREE)
 
 
-def with_drift(augmented, point: Point, size: float) -> Point:
+def with_drift(augmented, point: ParameterPoint, size: float) -> ParameterPoint:
     values = point.values.copy()
     values[augmented.row(PARAMETER)] = size
     return dataclasses.replace(point, values=values)

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from harness.diagnosis.fitting.fit import Fitted, Fitting
+from harness.diagnosis.fitting.fit import FittedHypothesis, Fitting
 from harness.diagnosis.model.hypotheses import coordinates
 from harness.diagnosis.result.outcome import cautions
 from harness.diagnosis.selection.candidate_fits import CandidateFits
@@ -112,7 +112,7 @@ def test_a_fit_that_ends_at_a_bound_and_a_model_that_spins_are_told_first(augmen
     moved = coordinates(augmented, FREE, (), 1)
     values = softer(augmented, 1.0)[:, None]
     values[augmented.row("stiffness_peak_front")] = math.exp(moved[0].upper)
-    fit = Fitted(moved, dataclasses.replace(fitting.first(), values=values), 0.0, 0.0)
+    fit = FittedHypothesis(moved, dataclasses.replace(fitting.first(), values=values), 0.0, 0.0)
     trace = Trace(fitting, None, FREE, fit, fit, (), (), (), None, None)
     told = cautions(trace)
     assert told[0].startswith(

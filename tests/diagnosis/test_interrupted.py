@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from harness.diagnosis import run
-from harness.diagnosis.fitting.fit import Fitted, Fitting, KeptFits
+from harness.diagnosis.fitting.fit import FittedHypothesis, Fitting, KeptFits
 from harness.diagnosis.model.hypotheses import coordinates
 from harness.diagnosis.run import Stages, progress
 from harness.diagnosis.selection.forward_selection import first_variances
@@ -27,7 +27,7 @@ def test_a_fit_is_taken_where_everything_is_the_same_and_only_there(augmented, f
 
     def counted(self, moved, start, *turns):
         done.append(turns)
-        return Fitted(moved, dataclasses.replace(start, process=start.process + 1.0), 5.0, 4.0, ended=True)
+        return FittedHypothesis(moved, dataclasses.replace(start, process=start.process + 1.0), 5.0, 4.0, ended=True)
 
     monkeypatch.setattr(Fitting, "fit", counted)
     moved, start = coordinates(augmented, FREE, (), 1), fitting.first()
@@ -55,7 +55,7 @@ def test_a_fit_is_taken_where_everything_is_the_same_and_only_there(augmented, f
 
 
 def test_what_was_cut_off_is_fitted_again(augmented, fitting, tmp_path, monkeypatch):
-    monkeypatch.setattr(Fitting, "fit", lambda self, moved, start, *_: Fitted(moved, start, 1.0, 1.0))
+    monkeypatch.setattr(Fitting, "fit", lambda self, moved, start, *_: FittedHypothesis(moved, start, 1.0, 1.0))
     moved = coordinates(augmented, FREE, (), 1)
     KeptFits(tmp_path).fit(fitting, moved, fitting.first(), (8, 3))
     (file,) = tmp_path.glob("*.npz")

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from harness.diagnosis.innovations.innovation_model import Linearisation, Linearised
+from harness.diagnosis.innovations.innovation_model import Linearised, ModelTangents
 from harness.identification.filtered_model import Candidates
 from support.driven_car import driven
 
@@ -83,7 +83,7 @@ def test_sensitivities_and_the_linear_model_are_those_of_the_punctual_recording(
     for recording, point in ((drive, here), (behind, there)):
         kept = augmented.run(recording, point)
         columns.append(augmented.sensitivities(recording, point.values, directions, kept))
-        linear.append(Linearised(Linearisation(augmented), recording, point.values[:, 0], kept))
+        linear.append(Linearised(ModelTangents(augmented), recording, point.values[:, 0], kept))
     scale = np.abs(columns[0]).max(axis=(0, 1))
     assert columns[1][:-3] / scale == pytest.approx(columns[0][:-3] / scale, abs=1e-9)
     assert linear[1].transition[:-4] == pytest.approx(linear[0].transition[:-4], abs=1e-9)

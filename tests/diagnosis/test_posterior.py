@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from scipy.stats import chi2, multivariate_normal
 
 from harness.diagnosis.criteria import PRIORS
-from harness.diagnosis.fitting.fit import Fitted, Fitting, Point
+from harness.diagnosis.fitting.fit import FittedHypothesis, Fitting, ParameterPoint
 from harness.diagnosis.innovations.prediction import Ahead, Prediction
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, coordinates, hypotheses
 from harness.diagnosis.selection import posterior as p
@@ -157,7 +157,9 @@ def test_what_is_coloured_in_the_fitted_drives_alone_is_no_evidence():
 
 def test_what_was_found_beside_a_model_has_its_odds_there():
     """Against hand-made odds: the second model is e^-2 as likely as the first one, what is unlisted beside it e^3."""
-    fits = [Fitted((), Point(np.zeros((0, 1)), np.zeros(0), np.zeros(0)), 0.0, 0.0) for _ in range(3)]
+    fits = [
+        FittedHypothesis((), ParameterPoint(np.zeros((0, 1)), np.zeros(0), np.zeros(0)), 0.0, 0.0) for _ in range(3)
+    ]
     priors, differences = (-1.0, -2.0), (0.0, -1.0)
     density, each = np.zeros(5), np.exp(np.add(priors, differences))
     share = each / each.sum()
@@ -268,7 +270,9 @@ def test_the_odds_of_a_kind_are_shared_and_places_share_those_of_their_effect(au
 
 def test_a_stated_value_off_by_a_factor_costs_by_its_prior():
     mass = Hypothesis("mass", "parameter", ("mass",))
-    c = Coordinate("mass", "parameter", (0,), math.log(1000.0), math.log(10.0), math.log(1e5), True, "kg", stated_std=0.2)
+    c = Coordinate(
+        "mass", "parameter", (0,), math.log(1000.0), math.log(10.0), math.log(1e5), True, "kg", stated_std=0.2
+    )
     fitted = SimpleNamespace(coordinates=(c,), point=SimpleNamespace(value=lambda _: 1800.0))
     assert log_size(fitted, (mass,)) == pytest.approx(-0.5 * (math.log(1.8) / 0.2) ** 2)
     assert log_size(fitted, (Hypothesis("lag", "effect", ("mass",)),)) == 0.0
@@ -287,7 +291,7 @@ def test_what_the_parameter_set_states_is_how_far_a_value_may_be_off(augmented, 
     values[row] *= math.exp(0.05)
     for added, prior in ((one, math.inf), (many, 0.01)):
         moved = coordinates(augmented, FREE, (added,), 1)
-        fitted = Fitted(moved, Point(values, np.zeros(0), np.zeros(0)), 0.0, 0.0)
+        fitted = FittedHypothesis(moved, ParameterPoint(values, np.zeros(0), np.zeros(0)), 0.0, 0.0)
         assert {c.name: c.prior for c in moved}["cog_to_rear_axle"] == pytest.approx(prior)
         assert log_size(fitted, (added,)) == pytest.approx(-0.5 * 5.0**2)
         assert bool(beyond_belief(fitted, (added,))) == (added is many)

@@ -8,7 +8,7 @@ import pytest
 
 from harness.config import resolve_single
 from harness.diagnosis.criteria import PRIORS
-from harness.diagnosis.fitting.fit import Fitted, Point
+from harness.diagnosis.fitting.fit import FittedHypothesis, ParameterPoint
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import (
     ALL_PARAMETERS,
@@ -47,7 +47,7 @@ def fits_of(likeliest):
     ("likeliest", "sizes"), [((2.1, 3.7), (2.0, 4.0)), ((1.2, 0.1), (1.0, 0.0)), ((0.0, 0.0), (0.0, 0.0))]
 )
 def test_each_intensity_is_the_likeliest_of_its_grid_also_where_there_are_several(likeliest, sizes):
-    point = Point(np.zeros((2, 1)), np.zeros(0), np.zeros(0))
+    point = ParameterPoint(np.zeros((2, 1)), np.zeros(0), np.zeros(0))
     front, rear, both = random_scores(fits_of(likeliest), point, [FRONT, REAR, BOTH])
     gains = [x**2 - (size - x) ** 2 for x, size in zip(likeliest, sizes, strict=True)]
     assert [front.gain, rear.gain, both.gain] == pytest.approx([*gains, sum(gains)])
@@ -118,7 +118,9 @@ def test_where_an_axle_is_may_be_off_like_other_lengths_though_it_may_be_at_the_
     values = truck.stated()[:, None]
     values[row] *= 0.77
     for added, said in (((axle,), ""), ((many, axle), "axle 23 from rear 0.77"), ((many,), "axle 23 from rear 0.77")):
-        fitted = Fitted(coordinates(truck, (), added, 1), Point(values, np.zeros(0), np.zeros(0)), 0.0, 0.0)
+        fitted = FittedHypothesis(
+            coordinates(truck, (), added, 1), ParameterPoint(values, np.zeros(0), np.zeros(0)), 0.0, 0.0
+        )
         assert beyond_belief(fitted, added) == said
         assert log_size(fitted, added) == pytest.approx(-0.5 * (0.23 / PRIORS.length) ** 2)
 

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from harness.cli.main import app
 from harness.config import resolve_single
-from harness.diagnosis.fitting.fit import Fitted, Fitting, Point
+from harness.diagnosis.fitting.fit import FittedHypothesis, Fitting, ParameterPoint
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, coordinates, hypotheses
 from harness.diagnosis.result.answer import verdict_of
@@ -127,14 +127,16 @@ def test_many_parameters_that_nobody_would_state_so_wrongly_are_not_believed(aug
         values = augmented.stated()[:, None]
         for name, factor in factors.items():
             values[augmented.row(name)] *= factor
-        return Fitted(coordinates(augmented, FREE, (hypothesis,), 1), Point(values, np.zeros(0), np.zeros(0)), 0.0, 0.0)
+        return FittedHypothesis(
+            coordinates(augmented, FREE, (hypothesis,), 1), ParameterPoint(values, np.zeros(0), np.zeros(0)), 0.0, 0.0
+        )
 
     assert not beyond_belief(fit(many, mass=1.75, yaw_inertia=0.57), (many,))
     wrong = {"mass": 1.1, "yaw_inertia": 0.5, "cog_to_front_axle": 2.5}
     assert beyond_belief(fit(many, **wrong), (many,)) == "CoG to front axle 2.5, yaw inertia 0.5"
     mass = next(h for h in hypotheses(augmented, FREE) if h.name == "mass")
     assert not beyond_belief(fit(mass, mass=2.5), (mass,))
-    both = Fitted(coordinates(augmented, FREE, (many, mass), 1), fit(mass, mass=2.5).point, 0.0, 0.0)
+    both = FittedHypothesis(coordinates(augmented, FREE, (many, mass), 1), fit(mass, mass=2.5).point, 0.0, 0.0)
     assert beyond_belief(both, (many, mass)) == "mass 2.5"  # beside many it is one of them
 
     def verdict(**factors):

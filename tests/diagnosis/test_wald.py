@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from harness.diagnosis.fitting.fit import Fitting, Point
+from harness.diagnosis.fitting.fit import Fitting, ParameterPoint
 from harness.diagnosis.model.hypotheses import Hypothesis, hypotheses
 from harness.diagnosis.selection.candidate_fits import CandidateFits
 from harness.diagnosis.selection.forward_selection import first_variances
@@ -106,7 +106,7 @@ def test_what_is_left_goes_no_further_than_its_bounds(common, loss):
         fitting=SimpleNamespace(information=lambda _: np.array([[4.0, common], [common, 4.0]]), drives=[None]),
         augmented=SimpleNamespace(stated=lambda: np.zeros(2)),
         bic=lambda gain, freedom: 2.0 * gain,
-        without=lambda point, gone, rest: Point(np.zeros((2, 1)), np.zeros(0), np.zeros(0)),
+        without=lambda point, gone, rest: ParameterPoint(np.zeros((2, 1)), np.zeros(0), np.zeros(0)),
     )
     fitted = SimpleNamespace(coordinates=(one, other), point=SimpleNamespace(value=lambda c: at[c.name]))
     assert losses(fits, (h,), fitted)[h] == pytest.approx(2.0 * loss)

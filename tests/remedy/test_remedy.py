@@ -14,7 +14,7 @@ from harness.engine.simd.lanes import LANES
 from harness.remedy import choices
 from harness.remedy.answer import _poor_drives, answer
 from harness.remedy.choices import AS_IT_IS, Equipment, Remedy
-from harness.remedy.judge import Outcome, best, harm, helps, judged
+from harness.remedy.judge import RemedyOutcome, best, harm, helps, judged
 from harness.remedy.promise import Promise, promises
 from harness.remedy.report import belief_text, believed, write_remedy
 from harness.remedy.run import _more_estimated, try_remedies
@@ -154,7 +154,7 @@ def outcome(remedy, medians, nominal=1.0, boxes=None):
     values = np.array([medians], dtype=float)
     scores = {"medians": values, "home": 0, "nominal": np.array([nominal]), "worst": values.max(axis=1), "lost": 0.0}
     rest = {"nees": 1.0, "consistent": 1.0, "boxes": boxes or {}, "states": 3, "step_time": 1.0}
-    return Outcome(remedy, None, [], ["a", "b"], **scores, **rest)
+    return RemedyOutcome(remedy, None, [], ["a", "b"], **scores, **rest)
 
 
 def test_of_remedies_that_are_about_as_good_the_one_that_needs_less_is_taken():

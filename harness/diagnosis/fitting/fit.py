@@ -33,7 +33,7 @@ from harness.identification.coordinates import (
     measurement_coordinates,
     process_coordinates,
 )
-from harness.identification.data import Drive
+from harness.identification.data import DriveData
 from harness.identification.filtered_model import Candidates, FilterRun
 from harness.identification.fisher_scoring import Maximum, maximise
 from harness.identification.objective import Driveable, LogPosterior
@@ -61,7 +61,7 @@ _COARSE = (-9.0, -6.0, -4.0, -2.0, -1.0, 1.0, 3.0)
 
 
 @dataclass(frozen=True)
-class Point:
+class ParameterPoint:
     """Parameters and noise, for each drive.
 
     Attributes:
@@ -80,7 +80,7 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Fitted:
+class FittedHypothesis:
     """A hypothesis fitted.
 
     Attributes:
@@ -92,7 +92,7 @@ class Fitted:
     """
 
     coordinates: tuple[Coordinate, ...]
-    point: Point
+    point: ParameterPoint
     log_likelihood: float
     objective: float
     ended: bool = False
@@ -116,10 +116,10 @@ class Fitting:
     def __init__(
         self,
         model: AugmentedModel,
-        drives: Sequence[Drive],
+        drives: Sequence[DriveData],
         variances: Floats,
         noise_held: bool = False,
-        driven: Sequence[Drive] = (),
+        driven: Sequence[DriveData] = (),
     ) -> None:
         self.augmented, self.drives, self.noise_held = model, tuple(drives), noise_held
         self.driveable = Driveable(model, drives, driven)
@@ -136,22 +136,22 @@ class Fitting:
         """Number of measured values."""
         return int(sum(np.isfinite(d.measurements[1:]).sum() for d in self.drives))
 
-    def first(self) -> Point:
+    def first(self) -> ParameterPoint:
         """Return the nominal model with its initial noise."""
         values = np.repeat(self._first.values, len(self.drives), axis=1)
-        return Point(values, np.zeros(self._groups), self._first_measurement.copy())
+        return ParameterPoint(values, np.zeros(self._groups), self._first_measurement.copy())
 
-    def noise(self, points: Sequence[Point]) -> Candidates:
+    def noise(self, points: Sequence[ParameterPoint]) -> Candidates:
         """Return the nominal model with the variances of points."""
         noise = Coordinates(self.augmented.spec, self.augmented.names, self._noise, [self._first])
         return noise.candidates(np.column_stack([np.concatenate([p.process, p.measurement]) for p in points]))
 
-    def candidates(self, points: Sequence[Point]) -> list[Candidates]:
+    def candidates(self, points: Sequence[ParameterPoint]) -> list[Candidates]:
         """Return what points hold, as candidates for each drive."""
         held = self.noise(points)
         return [replace(held, values=np.column_stack([p.values[:, i] for p in points])) for i in self._range]
 
-    def runs(self, point: Point) -> list[FilterRun]:
+    def runs(self, point: ParameterPoint) -> list[FilterRun]:
         """Run the filter over every drive."""
         return self.augmented.runs(self.drives, self.candidates([point]))
 
@@ -162,12 +162,12 @@ class Fitting:
     def fit(
         self,
         coordinates: tuple[Coordinate, ...],
-        start: Point,
+        start: ParameterPoint,
         iterations: int,
         turns: int = TURNS,
         afresh: bool = True,
         least: float = -math.inf,
-    ) -> Fitted:
+    ) -> FittedHypothesis:
         """Fit parameters and noise; parameters alone where the noise is held.
 
         Args:
@@ -196,7 +196,9 @@ class Fitting:
 
         return self._driveable(coordinates, start, search)
 
-    def only(self, coordinates: tuple[Coordinate, ...], start: Point, iterations: int, share: float = 0.0) -> Fitted:
+    def only(
+        self, coordinates: tuple[Coordinate, ...], start: ParameterPoint, iterations: int, share: float = 0.0
+    ) -> FittedHypothesis:
         """Fit some parameters and leave the noise as it is; to where a step gains but a share of all before it."""
 
         def search(objective: LogPosterior, z: Floats, parameters: Mask) -> tuple[Maximum, bool]:
@@ -205,7 +207,9 @@ class Fitting:
 
         return self._driveable(coordinates, start, search)
 
-    def _driveable(self, coordinates: tuple[Coordinate, ...], start: Point, search: _Search) -> Fitted:
+    def _driveable(
+        self, coordinates: tuple[Coordinate, ...], start: ParameterPoint, search: _Search
+    ) -> FittedHypothesis:
         """Return where a search ends; from a model that can be driven none leads to one that cannot.
 
         Most never come near one, so that is looked at where the search ends, and at every step only if it has to be.
@@ -219,29 +223,33 @@ class Fitting:
 
     def _fitted(
         self, coordinates: tuple[Coordinate, ...], objective: LogPosterior, maximum: Maximum, ended: bool
-    ) -> Fitted:
+    ) -> FittedHypothesis:
         space, n = objective.coordinates, len(coordinates)
         values = np.column_stack([space.candidates(maximum.z, i).values for i in self._range])
         process, measurement = np.split(maximum.z[n:].copy(), [self._groups])
         likelihood = maximum.value + float(space.penalty(maximum.z))
-        return Fitted(coordinates, Point(values, process, measurement), likelihood, maximum.value, ended)
+        return FittedHypothesis(
+            coordinates, ParameterPoint(values, process, measurement), likelihood, maximum.value, ended
+        )
 
-    def log_likelihood(self, point: Point) -> float:
+    def log_likelihood(self, point: ParameterPoint) -> float:
         """Return the log-likelihood of all drives at a point."""
         return float(self.augmented.log_likelihoods(self.drives, self.candidates([point]))[0])
 
-    def best(self, points: Sequence[Point]) -> Point:
+    def best(self, points: Sequence[ParameterPoint]) -> ParameterPoint:
         """Return the likeliest of several points."""
         points = [p for p in points if math.isinf(self.driveable.unstable_from(p.values[:, 0]))] or points
         if len(points) == 1:
             return points[0]
         return points[int(np.argmax(self.augmented.log_likelihoods(self.drives, self.candidates(points))))]
 
-    def admits(self, point: Point) -> bool:
+    def admits(self, point: ParameterPoint) -> bool:
         """Whether the model at a point is stable at the driven speeds and stays within its range on these drives."""
         return self.driveable.admits([*np.ascontiguousarray(point.values.T)])
 
-    def _objective(self, coordinates: tuple[Coordinate, ...], start: Point) -> tuple[LogPosterior, Floats, Mask]:
+    def _objective(
+        self, coordinates: tuple[Coordinate, ...], start: ParameterPoint
+    ) -> tuple[LogPosterior, Floats, Mask]:
         """Return what a fit maximises, its first point, and which of its coordinates are no noise."""
         moved = [
             replace(c, upper=min(c.upper, float(self.drives[c.drives[0]].time[-1]))) if c.drives else c
@@ -253,7 +261,7 @@ class Fitting:
         z = np.clip(np.concatenate([z, start.process, start.measurement]), space.lower, space.upper)
         return LogPosterior(self.augmented, self.drives, space), z, space.kind("parameter")
 
-    def standard_errors(self, fitted: Fitted) -> Floats:
+    def standard_errors(self, fitted: FittedHypothesis) -> Floats:
         """Return the standard error of every parameter that a fit moved, in its unit ``(n,)``; infinite if unknown."""
         if not fitted.coordinates:
             return np.zeros(0)
@@ -262,7 +270,7 @@ class Fitting:
         slopes = [c.slope(at) for c, at in zip(fitted.coordinates, z, strict=False)]
         return covariance_of(information).errors[: len(slopes)] * slopes
 
-    def information(self, fitted: Fitted) -> Floats:
+    def information(self, fitted: FittedHypothesis) -> Floats:
         """Return the Fisher information, with that of the priors, on the parameters that a fit moved ``(n, n)``.
 
         Intensities of random processes, the last of its coordinates, are not among them.
@@ -270,7 +278,7 @@ class Fitting:
         objective, z, parameters = self._objective(fitted.coordinates, fitted.point)
         return objective.slopes(z, parameters)[2]
 
-    def columns(self, coordinates: Sequence[Coordinate], point: Point) -> list[Floats]:
+    def columns(self, coordinates: Sequence[Coordinate], point: ParameterPoint) -> list[Floats]:
         """Return the derivatives of each drive's whitened innovations to the coordinates ``(samples * ny, n)``."""
         objective, z, parameters = self._objective(tuple(coordinates), point)
         kept = self.runs(point)
@@ -301,7 +309,7 @@ def in_rows(columns: Floats) -> Floats:
     return columns.reshape(samples * ny, n)
 
 
-def moved_to(point: Point, drives: int) -> Point:
+def moved_to(point: ParameterPoint, drives: int) -> ParameterPoint:
     """Return a point of some drives for others: what drives share, with the change times of the first."""
     return replace(point, values=np.repeat(point.values[:, [0]], drives, axis=1))
 
@@ -327,7 +335,7 @@ class KeptFits:
         self._met: set[str] = set()  # a search that comes by the same way again asks for the same fits
         self._counting = Lock()  # candidates are fitted in threads
 
-    def fit(self, fitting: Fitting, moved: tuple[Coordinate, ...], start: Point, how: How) -> Fitted:
+    def fit(self, fitting: Fitting, moved: tuple[Coordinate, ...], start: ParameterPoint, how: How) -> FittedHypothesis:
         """Return what ``fitting.fit`` does, from the folder if it is there.
 
         Args:
@@ -353,7 +361,7 @@ class KeptFits:
             self._met.add(key)
         return fitted
 
-    def _key(self, fitting: Fitting, moved: Sequence[Coordinate], start: Point, how: How) -> str:
+    def _key(self, fitting: Fitting, moved: Sequence[Coordinate], start: ParameterPoint, how: How) -> str:
         if id(fitting) not in self._basis:
             augmented, code = fitting.augmented, sources.digest([sys.modules[__name__]])
             equations = augmented.compiled.kernels.__name__  # which holds the digest of their source
@@ -368,7 +376,7 @@ class KeptFits:
             total.update(np.ascontiguousarray(part).tobytes())
         return total.hexdigest()[:32]
 
-    def _write(self, file: Path, fitted: Fitted) -> None:
+    def _write(self, file: Path, fitted: FittedHypothesis) -> None:
         numbers = np.array([fitted.log_likelihood, fitted.objective, fitted.ended])
         try:
             file.parent.mkdir(parents=True, exist_ok=True)
@@ -384,11 +392,13 @@ class KeptFits:
             shutil.rmtree(self.folder, ignore_errors=True)
 
 
-def _read(file: Path, moved: tuple[Coordinate, ...]) -> Fitted | None:
+def _read(file: Path, moved: tuple[Coordinate, ...]) -> FittedHypothesis | None:
     """Return a fit that was kept; ``None`` if it is not there or was cut off."""
     try:
         with told_as_damaged(file, "fit"), np.load(file) as kept:
             values, process, measurement, numbers = (kept[f"arr_{i}"] for i in range(4))
     except (OSError, UserError):
         return None
-    return Fitted(moved, Point(values, process, measurement), float(numbers[0]), float(numbers[1]), bool(numbers[2]))
+    return FittedHypothesis(
+        moved, ParameterPoint(values, process, measurement), float(numbers[0]), float(numbers[1]), bool(numbers[2])
+    )

@@ -22,7 +22,7 @@ from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.engine.compile import load_source, paste
 from harness.engine.kernel_source import kernel_source
 from harness.engine.simd.lanes import LANES
-from harness.identification.data import Drive
+from harness.identification.data import DriveData
 from harness.identification.filtered_model import FilterRun
 
 _PROBED = 200
@@ -144,7 +144,7 @@ def lasso(gram: Floats, pull: Floats, floor: float, wanted: int) -> Floats:
     return weights
 
 
-class Linearisation:
+class ModelTangents:
     """The compiled derivatives of an augmented model, loaded before threads share it."""
 
     def __init__(self, augmented: AugmentedModel) -> None:
@@ -155,7 +155,7 @@ class Linearisation:
 
     def along(
         self,
-        drive: Drive,
+        drive: DriveData,
         states: Floats,
         values: Sequence[Floats],
         parameters: Sequence[Floats],
@@ -204,7 +204,7 @@ class Linearised:
         gain: Of the pass ``(samples, n, ny)``.
     """
 
-    def __init__(self, linearisation: Linearisation, drive: Drive, values: Floats, kept: FilterRun) -> None:
+    def __init__(self, linearisation: ModelTangents, drive: DriveData, values: Floats, kept: FilterRun) -> None:
         self._linearisation, self.augmented = linearisation, linearisation.augmented
         self.drive, held = self.augmented.read_ahead(drive, values[:, None])
         self.values = held[:, 0]

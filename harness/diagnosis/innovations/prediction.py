@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from harness.common.arrays import Floats
 from harness.diagnosis.innovations import prediction_loops
-from harness.diagnosis.innovations.innovation_model import Linearisation, Linearised
+from harness.diagnosis.innovations.innovation_model import Linearised, ModelTangents
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.noise_slopes import nonzero_columns
 from harness.engine.compile import load_source, paste
 from harness.engine.simd.lanes import LANES
-from harness.identification.data import Drive
+from harness.identification.data import DriveData
 from harness.identification.filtered_model import Candidates
 
 _FAR = 1.0
@@ -48,11 +48,11 @@ class Prediction:
     """The compiled prediction of an augmented model, loaded before threads share it."""
 
     def __init__(self, augmented: AugmentedModel) -> None:
-        self.augmented, self._linearisation = augmented, Linearisation(augmented)
+        self.augmented, self._linearisation = augmented, ModelTangents(augmented)
         source = paste(augmented.compiled, "predict_ahead", [prediction_loops.predict_ahead])
         self._loop = load_source("predict_ahead", source).predict_ahead
 
-    def of(self, drive: Drive, point: Candidates, horizons: Sequence[float]) -> Ahead:
+    def of(self, drive: DriveData, point: Candidates, horizons: Sequence[float]) -> Ahead:
         """Predict the measurements of a recording.
 
         From every restart a prediction runs as many samples as its horizon, without their measurements, and then

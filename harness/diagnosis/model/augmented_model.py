@@ -27,7 +27,7 @@ from harness.diagnosis.model import time_loops
 from harness.diagnosis.model.noise_slopes import NoiseSlopes
 from harness.engine.compile import compile_model, load_source, paste
 from harness.engine.simd.lanes import LANES
-from harness.identification.data import Drive
+from harness.identification.data import DriveData
 from harness.identification.filtered_model import Candidates, Each, FilteredModel, FilterRun, Slopes, for_each
 from harness.identification.measured_inputs import Between
 from harness.models.assembly.assemble import Model, assemble
@@ -108,7 +108,7 @@ class AugmentedModel(FilteredModel):
         """Return the number of states that the filter corrects with parameters ``(np, ...)``."""
         return len((self._moving if self._moves_in(values) else self.nominal).states)
 
-    def wander(self, drive: Drive, values: Floats) -> Floats:
+    def wander(self, drive: DriveData, values: Floats) -> Floats:
         """Return the variance that random processes give the outputs of a free run ``(samples, ny)``.
 
         It is that of a filter that sees no measurement and knows of nothing else that is uncertain.
@@ -200,11 +200,11 @@ class AugmentedModel(FilteredModel):
 
     def drive(
         self, recording: xr.Dataset, name: str, between: Between = "joined", signal: InputSignal | None = None
-    ) -> Drive:
+    ) -> DriveData:
         """Return a recording in terms of this model; its inputs run straight between samples."""
         return super().drive(recording, name, between, signal)
 
-    def _filter(self, drive: Drive, candidates: Candidates, total: Floats, notes: tuple[Floats, ...]) -> None:
+    def _filter(self, drive: DriveData, candidates: Candidates, total: Floats, notes: tuple[Floats, ...]) -> None:
         filter_ = self._filter_of(candidates.values)
         nx = len(filter_.model.states)
         filter_.loop(
@@ -224,7 +224,7 @@ class AugmentedModel(FilteredModel):
             notes,
         )
 
-    def slopes(self, drives: Sequence[Drive], points: Each, directions: Each) -> Slopes:
+    def slopes(self, drives: Sequence[DriveData], points: Each, directions: Each) -> Slopes:
         """Return the log-likelihood of all recordings at a point, with gradient and Fisher information.
 
         Directions of the noise and of intensities move gains and covariances (``NoiseSlopes``); along
@@ -252,7 +252,7 @@ class AugmentedModel(FilteredModel):
         return Slopes(of_mean_slopes.log_likelihood, gradient, information)
 
     def _noise_slopes(
-        self, drive: Drive, point: Candidates, directions: Candidates, kept: FilterRun
+        self, drive: DriveData, point: Candidates, directions: Candidates, kept: FilterRun
     ) -> tuple[Floats, Floats]:
         """Return gradient and information of one recording along directions of the noise.
 

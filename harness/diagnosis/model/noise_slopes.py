@@ -14,7 +14,7 @@ from harness.diagnosis.model import noise_loops
 from harness.engine.compile import CompiledModel, load_source, paste
 from harness.engine.lane_kinds import SINGLES, over_singles
 from harness.engine.simd.lanes import LANES
-from harness.identification.data import Drive
+from harness.identification.data import DriveData
 from harness.identification.filtered_model import Candidates, FilterRun
 
 Singles = NDArray[np.float32]
@@ -35,7 +35,7 @@ class NoiseSlopes:
         self._vary = load_source("vary_noise", vary).vary_noise
 
     def along(
-        self, drive: Drive, constants: Floats, kept: FilterRun, directions: Candidates, first: Floats
+        self, drive: DriveData, constants: Floats, kept: FilterRun, directions: Candidates, first: Floats
     ) -> tuple[Floats, Floats]:
         """Return gradient ``(n,)`` and Fisher information ``(n, n)`` of a recording's log-likelihood.
 
@@ -65,7 +65,7 @@ class NoiseSlopes:
         information = np.block([[row.T @ column for column in rows] for row in rows]).astype(float)
         return gradient[:n], information[:n, :n]
 
-    def _linear(self, drive: Drive, constants: Floats, states: Floats) -> tuple[Floats, Floats]:
+    def _linear(self, drive: DriveData, constants: Floats, states: Floats) -> tuple[Floats, Floats]:
         """Return the Jacobians of the next state and of the outputs at every sample ``(samples, ..., nx)``."""
         nx, ny, blocks = states.shape[1], self._compiled.ny, -(-len(states) // LANES)
         ahead, outputs = np.zeros((blocks, nx, nx, LANES)), np.zeros((blocks, ny, nx, LANES))

@@ -84,7 +84,10 @@ def likely(outcome: Outcome) -> list[str]:
         lines.append(f"{in_words(given_one * own.probability)}: what the search added; its criteria differ")
     otherwise = "something else is there, in place of them or beside them"
     if posterior.none > 0.5:
-        return [f"{in_words(posterior.none)}: none of the following; {otherwise}", *(f"if one is right, {s}" for s in lines)]
+        return [
+            f"{in_words(posterior.none)}: none of the following; {otherwise}",
+            *(f"if one is right, {s}" for s in lines),
+        ]
     return [*lines, f"{in_words(posterior.none)}: none of these; {otherwise}"] if posterior.none >= _LEAST else lines
 
 

@@ -19,7 +19,7 @@ from harness.diagnosis.residuals.disturbance_ranking import DisturbanceHistory, 
 from harness.diagnosis.residuals.innovation_tests import CrossCorrelation, NisOverTime
 from harness.diagnosis.residuals.order_analysis import WAVELENGTHS, PeriodicDisturbance
 from harness.diagnosis.result.answer import entry, shown
-from harness.identification.data import Drive
+from harness.identification.data import DriveData
 from harness.models.assembly.plan import Plan
 from harness.models.quantities import listed, print_unit, quantity, words
 from harness.reporting import style
@@ -149,7 +149,9 @@ def ranking(nominal: Sequence[RankedInput], final: Sequence[RankedInput]) -> byt
         return style.svg(fig)
 
 
-def histories(drive: Drive, ranked_inputs: Sequence[RankedInput], disturbances: Sequence[DisturbanceHistory]) -> bytes:
+def histories(
+    drive: DriveData, ranked_inputs: Sequence[RankedInput], disturbances: Sequence[DisturbanceHistory]
+) -> bytes:
     """Return the disturbance over one drive at the inputs of the largest gain, each with its 95 % band."""
     with style.drawing():
         fig = style.figure(0.8 + 1.5 * len(ranked_inputs))
@@ -189,7 +191,9 @@ def nis(names: Sequence[str], series: Sequence[NisOverTime]) -> bytes:
 
 def correlations(correlation: CrossCorrelation, outputs: Sequence[str], regressors: Sequence[Regressor]) -> bytes:
     """Return the correlation of every innovation with the past of the signals of the largest correlations."""
-    finite = np.where(np.isfinite(correlation.values), correlation.values, 0.0)  # nothing is known of a signal that overflows
+    finite = np.where(
+        np.isfinite(correlation.values), correlation.values, 0.0
+    )  # nothing is known of a signal that overflows
     strength = np.abs(finite / correlation.band[:, None]).max(axis=(0, 1))
     drawn = np.argsort(-strength)[:DRAWN]
     chosen = style.looks([regressors[j].name for j in drawn])

@@ -9,7 +9,7 @@ import numpy as np
 from harness.diagnosis.report import residual_figures
 from harness.diagnosis.residuals.dependence import regressors_of
 from harness.diagnosis.residuals.innovation_tests import LARGEST_LAG, consistency, cross_correlation
-from harness.diagnosis.residuals.localisation import Where
+from harness.diagnosis.residuals.localisation import Localisation
 from harness.diagnosis.residuals.unmodelled import UnmodelledDisturbance
 from harness.diagnosis.result.answer import amount, entry, unmodelled_words
 from harness.diagnosis.result.outcome import Outcome
@@ -49,7 +49,9 @@ def where(outcome: Outcome) -> list[Block]:
     sentence = strong(f"A disturbance of the {place} would explain most, {size}")
     if outcome.verdict == "adequate":
         nothing = "Nothing is missing that these drives can show."
-        sentence = plain(f"{nothing} A disturbance would absorb something all the same, one of the {place} most, {size}")
+        sentence = plain(
+            f"{nothing} A disturbance would absorb something all the same, one of the {place} most, {size}"
+        )
     caveat = (
         "An unknown Gauss-Markov disturbance is put into each equation, each published force, moment or angle and each "
         "sensor in turn. The ranking is a hint: inputs of similar effect share the gain, and a disturbance absorbs "
@@ -60,7 +62,9 @@ def where(outcome: Outcome) -> list[Block]:
         Prose(sentence),
         Prose(plain(caveat)),
         Drawing(
-            partial(residual_figures.ranking, localisation.nominal.ranked_inputs, localisation.final.ranked_inputs), title, title
+            partial(residual_figures.ranking, localisation.nominal.ranked_inputs, localisation.final.ranked_inputs),
+            title,
+            title,
         ),
         Section(lambda: _histories(localisation), "How would the disturbance look?"),
     ]
@@ -85,7 +89,7 @@ def from_above(outcome: Outcome) -> list[Block]:
     return [Drawing(draw, caption, "Top view of the vehicle with marks where a disturbance may act.")]
 
 
-def _histories(localisation: Where) -> list[Block]:
+def _histories(localisation: Localisation) -> list[Block]:
     """Return the disturbances over the drive in which they stand out most from their errors."""
     assert localisation.nominal is not None
     clarity = [np.mean([np.mean((h[i].mean / h[i].error.mean()) ** 2) for h in localisation.histories])

@@ -30,7 +30,7 @@ from harness.diagnosis.innovations.disturbance_inputs import DisturbanceInput
 from harness.diagnosis.innovations.innovation_model import lasso
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking
-from harness.identification.data import Drive
+from harness.identification.data import DriveData
 from harness.models.assembly.assemble import Model, symbol
 from harness.models.signals import SIGNALS
 
@@ -62,7 +62,7 @@ class Regressor:
     of: Callable[[Floats, Floats, Floats], Floats] = field(compare=False)
     within: float = math.inf
 
-    def over(self, states: Floats, drive: Drive) -> Floats:
+    def over(self, states: Floats, drive: DriveData) -> Floats:
         """Return its value over a drive ``(samples,)`` of states ``(samples, nx)``."""
         s = self.of(states, drive.inputs, rates(drive))
         share = self.renewed(float(drive.time[1] - drive.time[0]))
@@ -105,7 +105,7 @@ def with_quick(regressors: Sequence[Regressor]) -> tuple[Regressor, ...]:
     return tuple(extended)
 
 
-def rates(drive: Drive) -> Floats:
+def rates(drive: DriveData) -> Floats:
     """Return the time derivative of every input over a short window ``(samples, nu)``."""
     step = float(drive.time[1] - drive.time[0])
     reach = max(1, round(0.5 * _WINDOW / step))

@@ -19,9 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.common.arrays import Floats
-from harness.diagnosis.fitting.fit import Fitting, Point
+from harness.diagnosis.fitting.fit import Fitting, ParameterPoint
 from harness.diagnosis.innovations.disturbance_inputs import DisturbanceInput, disturbance_inputs_of
-from harness.diagnosis.innovations.innovation_model import InnovationModel, InputDirection, Linearisation, Linearised
+from harness.diagnosis.innovations.innovation_model import InnovationModel, InputDirection, Linearised, ModelTangents
 from harness.engine.simd.lanes import LANES
 
 _HELD = 0.1
@@ -194,7 +194,7 @@ class DisturbanceRanking:
     def __init__(
         self,
         fitting: Fitting,
-        point: Point,
+        point: ParameterPoint,
         disturbance_inputs: Sequence[DisturbanceInput] | None = None,
         ranked: bool = True,
     ) -> None:
@@ -204,7 +204,7 @@ class DisturbanceRanking:
             disturbance_inputs_of(augmented) if disturbance_inputs is None else disturbance_inputs
         )
         self.drives = fitting.drives
-        kept, compiled = fitting.runs(point), Linearisation(augmented)
+        kept, compiled = fitting.runs(point), ModelTangents(augmented)
 
         def linearised(i: int) -> Linearised:
             return Linearised(compiled, fitting.drives[i], point.values[:, i], kept[i])

@@ -16,7 +16,7 @@ SHOWN = 3
 
 
 @dataclass(frozen=True)
-class Where:
+class Localisation:
     """Where the nominal and the final model lack something.
 
     Attributes:
@@ -39,11 +39,11 @@ class Where:
         return tuple(s for s in self.nominal.ranked_inputs[:SHOWN] if s.gain > 0) if self.nominal else ()
 
 
-NOWHERE = Where(None, None, (), None)
+NOWHERE = Localisation(None, None, (), None)
 """Where it could not be looked for."""
 
 
-def where(trace: Trace, amended: ModelSpec, unexplained: bool, failures: Failures = RAISED) -> Where:
+def where(trace: Trace, amended: ModelSpec, unexplained: bool, failures: Failures = RAISED) -> Localisation:
     """Rank where the nominal model and the final one lack.
 
     Args:
@@ -67,4 +67,4 @@ def where(trace: Trace, amended: ModelSpec, unexplained: bool, failures: Failure
             lambda: find_unmodelled(trace.fitting, trace.held_out, trace.final, trace.after, final),
             lambda _: None,
         )
-    return Where(nominal, final, histories, unmodelled, random_process)
+    return Localisation(nominal, final, histories, unmodelled, random_process)

@@ -31,7 +31,7 @@ from harness.identification.coordinates import (
     measurement_coordinates,
     process_coordinates,
 )
-from harness.identification.data import Drive
+from harness.identification.data import DriveData
 from harness.identification.filtered_model import Candidates
 from harness.identification.fisher_scoring import maximise
 from harness.identification.innovations import Innovations
@@ -188,7 +188,7 @@ def _grown(trace: Trace, spec: ModelSpec, name: str) -> _Grown | None:
 
 
 def _fitted(
-    filters: Innovations, drives: Sequence[Drive], parameters: Sequence[Parameter]
+    filters: Innovations, drives: Sequence[DriveData], parameters: Sequence[Parameter]
 ) -> tuple[ModelSpec, dict[str, float]]:
     """Return the model with the likeliest parameters of its processes and noise, and standard errors of the former."""
     spec = filters.spec
@@ -232,7 +232,7 @@ def _all_left(processes: Sequence[_Grown]) -> float:
     return colour_left(processes[0].before, processes[-1].after)
 
 
-def expected_excess(filters: Innovations, drives: Sequence[Drive], held: Candidates, variances: Floats) -> float:
+def expected_excess(filters: Innovations, drives: Sequence[DriveData], held: Candidates, variances: Floats) -> float:
     """Return the ``normalised_excess_mse`` of a simulation that the random processes of a model cause.
 
     A filter without measurements and without other noise states the variances of the outputs.
@@ -258,7 +258,7 @@ def expected_excess(filters: Innovations, drives: Sequence[Drive], held: Candida
     return float(np.sum(np.concatenate(spreads).mean(axis=0) / variances))
 
 
-def _first(filters: Innovations, drives: Sequence[Drive], parameters: Sequence[Parameter]) -> ModelSpec:
+def _first(filters: Innovations, drives: Sequence[DriveData], parameters: Sequence[Parameter]) -> ModelSpec:
     """Return the model with the likeliest of the grids' values."""
     rows = [filters.model.parameter_names.index(p.name) for p in parameters]
     tried = np.array(list(itertools.product(*(p.grid for p in parameters)))).T
@@ -284,7 +284,7 @@ def _starts(filters: Innovations) -> list[float]:
     return [model.start_variance.get(s, stated[s]) for s in model.states]
 
 
-def _own(drive: Drive, augmented: AugmentedModel, filters: Innovations) -> Drive:
+def _own(drive: DriveData, augmented: AugmentedModel, filters: Innovations) -> DriveData:
     """Return a drive of the augmented model in terms of a filter's; what has noise alone starts at its mean."""
     columns = [augmented.model.inputs.index(n) for n in filters.model.inputs]
     states = filters.model.states

@@ -21,7 +21,7 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.diagnosis.criteria import BIC_NEEDED, PRIORS, TRIED
-from harness.diagnosis.fitting.fit import Fitted, Fitting, Point
+from harness.diagnosis.fitting.fit import FittedHypothesis, Fitting, ParameterPoint
 from harness.diagnosis.innovations.disturbance_inputs import DisturbanceInput
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.residuals.dependence import (
@@ -47,7 +47,7 @@ from harness.diagnosis.selection.validation import HeldOut, Judgement, simulatio
 from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
 from harness.identification.coordinates import Coordinate
-from harness.identification.data import Drive
+from harness.identification.data import DriveData
 from harness.identification.free_run import Start, found_start
 from harness.identification.uncertainty import covariance_of
 
@@ -97,7 +97,7 @@ class _Term:
 
 
 @dataclass(frozen=True)
-class _Sums:
+class _FoldSums:
     """Gram matrix and pull of columns over one fold."""
 
     gram: Floats
@@ -108,7 +108,7 @@ class _Drives:
     """Drives with a localised model: signals, and the innovations' response to curves and to parameters."""
 
     def __init__(
-        self, ranking: DisturbanceRanking, fitting: Fitting, point: Point, moved: Sequence[Coordinate]
+        self, ranking: DisturbanceRanking, fitting: Fitting, point: ParameterPoint, moved: Sequence[Coordinate]
     ) -> None:
         self.ranking, self.drives = ranking, fitting.drives
         self.regressors = with_quick(regressors_of(fitting.augmented))
@@ -167,19 +167,19 @@ class _Drives:
             )
         ]
 
-    def sums(self, columns: Sequence[Sequence[Floats]]) -> list[_Sums]:
+    def sums(self, columns: Sequence[Sequence[Floats]]) -> list[_FoldSums]:
         """Return the sums by fold: a drive each, or halves of the only one."""
         by_fold = []
         for i, r in enumerate(distance_drive.residual.reshape(-1) for distance_drive in self.distance_drives):
             X = np.concatenate([self.moved[i], *(c[i] for c in columns)], axis=1)
             cuts = (0, len(r)) if len(self.distance_drives) > 1 else (0, len(r) // 2, len(r))
             for a, b in itertools.pairwise(cuts):
-                by_fold.append(_Sums(X[a:b].T @ X[a:b], X[a:b].T @ r[a:b]))
+                by_fold.append(_FoldSums(X[a:b].T @ X[a:b], X[a:b].T @ r[a:b]))
         return by_fold
 
 
 def find_unmodelled(
-    fitting: Fitting, held_out: HeldOut, final: Fitted, before: Judgement, ranking: DisturbanceRanking
+    fitting: Fitting, held_out: HeldOut, final: FittedHypothesis, before: Judgement, ranking: DisturbanceRanking
 ) -> UnmodelledDisturbance | None:
     """Return what no effect of the library explains; ``None`` if nothing improves the held-out drives.
 
@@ -266,7 +266,7 @@ def _periodic(
     return periodic, disturbances, total
 
 
-def _gain(sums: _Sums, weights: Floats) -> float:
+def _gain(sums: _FoldSums, weights: Floats) -> float:
     return float(sums.pull @ weights - 0.5 * weights @ sums.gram @ weights)
 
 
@@ -311,14 +311,14 @@ def _selected(here: _Drives, pairs: Sequence[Dependence], prior: Floats) -> tupl
     return curves, weights
 
 
-def _possible(sums: Sequence[_Sums], prior: Floats, terms: Sequence[_Term], tension: float) -> bool:
+def _possible(sums: Sequence[_FoldSums], prior: Floats, terms: Sequence[_Term], tension: float) -> bool:
     """Whether no curve leaves the range that the library allows at its input; B-splines lie within their weights."""
     weights, _ = _solved(sums, prior, len(terms), tension)
     sizes = np.abs(weights[len(prior) :]).reshape(len(terms), FUNCTIONS).max(axis=1)
     return all(size <= term.proposal.disturbance_input.limit for size, term in zip(sizes, terms, strict=True))
 
 
-def _left_out(sums: Sequence[_Sums], prior: Floats, curves: int, tension: float) -> float:
+def _left_out(sums: Sequence[_FoldSums], prior: Floats, curves: int, tension: float) -> float:
     """Return the gain of every fold, predicted from the others."""
     total = 0.0
     for i, left_out in enumerate(sums):
@@ -327,7 +327,7 @@ def _left_out(sums: Sequence[_Sums], prior: Floats, curves: int, tension: float)
     return total
 
 
-def _solved(sums: Sequence[_Sums], prior: Floats, curves: int, tension: float) -> tuple[Floats, Floats]:
+def _solved(sums: Sequence[_FoldSums], prior: Floats, curves: int, tension: float) -> tuple[Floats, Floats]:
     """Return the penalised weights of parameters and curves, and their covariance."""
     gram, pull = sum(s.gram for s in sums), sum(s.pull for s in sums)
     information = np.array(gram, dtype=float)
@@ -345,7 +345,7 @@ def _rows(prior: Floats, curve: int) -> slice:
     return slice(len(prior) + curve * FUNCTIONS, len(prior) + (curve + 1) * FUNCTIONS)
 
 
-def _shifted(point: Point, moved: Sequence[Coordinate], steps: Floats) -> Point:
+def _shifted(point: ParameterPoint, moved: Sequence[Coordinate], steps: Floats) -> ParameterPoint:
     """Return a point with its parameters moved within their bounds."""
     values = point.values.copy()
     for c, step in zip(moved, steps, strict=True):
@@ -355,7 +355,7 @@ def _shifted(point: Point, moved: Sequence[Coordinate], steps: Floats) -> Point:
 
 def _run(
     augmented: AugmentedModel,
-    drive: Drive,
+    drive: DriveData,
     values: Floats,
     start: Start,
     ranking: DisturbanceRanking,

@@ -13,7 +13,7 @@ from harness.diagnosis.criteria import BIC_NEEDED, EXCESS
 from harness.diagnosis.innovations.disturbance_inputs import DisturbanceInput
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.residuals.dependence import Curve
-from harness.diagnosis.residuals.localisation import Where
+from harness.diagnosis.residuals.localisation import Localisation
 from harness.diagnosis.residuals.order_analysis import PeriodicDisturbance
 from harness.diagnosis.residuals.random_process import RandomProcess
 from harness.diagnosis.residuals.unmodelled import UnmodelledDisturbance
@@ -40,7 +40,7 @@ class Value:
 Verdict = Literal["adequate", "amended", "unresolved"]
 
 
-def verdict_of(trace: Trace, localisation: Where, coloured: bool) -> Verdict:
+def verdict_of(trace: Trace, localisation: Localisation, coloured: bool) -> Verdict:
     """Return whether the model is adequate, amended, or lacks something that has no name here.
 
     Something is still missing if the innovations of the final model on the held-out drives are coloured, whatever was
@@ -63,7 +63,7 @@ def verdict_of(trace: Trace, localisation: Where, coloured: bool) -> Verdict:
     return "amended" if trace.effects or localisation.unmodelled is not None else "adequate"
 
 
-def final_judgement(trace: Trace, localisation: Where) -> Judgement:
+def final_judgement(trace: Trace, localisation: Localisation) -> Judgement:
     """Return the final model on the held-out drives, with the unmodelled disturbance if that lowers its error."""
     if (
         localisation.unmodelled is not None
@@ -73,7 +73,7 @@ def final_judgement(trace: Trace, localisation: Where) -> Judgement:
     return trace.after
 
 
-def final_posterior(trace: Trace, localisation: Where) -> Posterior | None:
+def final_posterior(trace: Trace, localisation: Localisation) -> Posterior | None:
     """Return how likely each model is; what has no name, where that was found, makes it likelier that none is right."""
     if trace.posterior is None or localisation.unmodelled is None:
         return trace.posterior
@@ -123,12 +123,10 @@ def described(disturbance: Curve | PeriodicDisturbance) -> str:
     return _periodic(disturbance) if isinstance(disturbance, PeriodicDisturbance) else _curve(disturbance)
 
 
-def _periodic(disturbance: PeriodicDisturbance) -> str:
-    grows = f" at {style.number(disturbance.speed)} m/s and growing with the square of the speed" if disturbance.growth else ""
-    size = amount(disturbance.amplitude, disturbance.disturbance_input)
-    return (
-        f"{entry(disturbance.disturbance_input)}, once per {style.number(disturbance.wavelength)} m driven, reaching {size}" + grows
-    )
+def _periodic(d: PeriodicDisturbance) -> str:
+    grows = f" at {style.number(d.speed)} m/s and growing with the square of the speed" if d.growth else ""
+    size = amount(d.amplitude, d.disturbance_input)
+    return f"{entry(d.disturbance_input)}, once per {style.number(d.wavelength)} m driven, reaching {size}{grows}"
 
 
 def _curve(curve: Curve) -> str:
@@ -211,7 +209,7 @@ _SUREST = 3
 """Values that a sentence names of many."""
 
 
-def answer(trace: Trace, verdict: Verdict, localisation: Where, values: Mapping[str, Sequence[Value]]) -> str:
+def answer(trace: Trace, verdict: Verdict, localisation: Localisation, values: Mapping[str, Sequence[Value]]) -> str:
     """Return what was found, in sentences: of the vehicle first, then of the recordings, then of stated values.
 
     Args:

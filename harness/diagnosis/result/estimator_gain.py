@@ -18,15 +18,15 @@ import xarray as xr
 
 from harness.common.arrays import Floats
 from harness.config import ModelSpec
-from harness.diagnosis.fitting.fit import Point
+from harness.diagnosis.fitting.fit import ParameterPoint
 from harness.diagnosis.selection.forward_selection import Trace
 from harness.engine.further_processes import compile_all
-from harness.identification.data import Drive
+from harness.identification.data import DriveData
 from harness.identification.filtered_model import Candidates
 from harness.identification.innovations import Innovations
 
 
-def fitted_model(trace: Trace, spec: ModelSpec, point: Point) -> ModelSpec:
+def fitted_model(trace: Trace, spec: ModelSpec, point: ParameterPoint) -> ModelSpec:
     """Return a model with values and variances of a point.
 
     An effect's own states have no noise unless it is a random process, and a change begins when it does in the first
@@ -162,21 +162,25 @@ def estimators_on(
     return tuple(gains)
 
 
-def _errors(trace: Trace, spec: ModelSpec, point: Point, recordings: Sequence[xr.Dataset], kind: str) -> Floats:
+def _errors(
+    trace: Trace, spec: ModelSpec, point: ParameterPoint, recordings: Sequence[xr.Dataset], kind: str
+) -> Floats:
     """Return the root mean square errors of all outputs ``(ny,)``."""
     augmented = trace.fitting.augmented
     filters = Innovations(fitted_model(trace, spec, point), kind, augmented.jobs)
     squares = []
     for i, (drive, recording) in enumerate(zip(trace.held_out.drives, recordings, strict=True)):
         point_values = dict(zip(augmented.names, point.values[:, i], strict=True))
-        values = np.array([[point_values[n] if n in point_values else spec.values[n]] for n in filters.model.parameter_names])
+        values = np.array(
+            [[point_values[n] if n in point_values else spec.values[n]] for n in filters.model.parameter_names]
+        )
         held = replace(Candidates.of(filters.spec), values=values)
         own = filters.drive(recording, drive.name, "joined")
         squares.append(augmented.share(partial(_unseen, filters, own, held), range(len(held.measurement))))
     return np.array([np.sqrt(np.nanmean(np.concatenate(parts))) for parts in zip(*squares, strict=True)])
 
 
-def _unseen(filters: Innovations, drive: Drive, held: Candidates, output: int) -> Floats:
+def _unseen(filters: Innovations, drive: DriveData, held: Candidates, output: int) -> Floats:
     """Return the squared errors of an output that the filter does not use ``(samples,)``."""
     variance = held.measurement.copy()
     variance[output] *= _UNSEEN

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 from harness.common.failures import RAISED, Failures
 from harness.config import ModelSpec
 from harness.diagnosis.criteria import WHITE
-from harness.diagnosis.fitting.fit import Fitted
+from harness.diagnosis.fitting.fit import FittedHypothesis
 from harness.diagnosis.model.hypotheses import Hypothesis
-from harness.diagnosis.residuals.localisation import NOWHERE, Where, where
+from harness.diagnosis.residuals.localisation import NOWHERE, Localisation, where
 from harness.diagnosis.residuals.random_process import RandomProcess
 from harness.diagnosis.result.answer import Value, Verdict, answer, final_judgement, final_posterior, strays, verdict_of
 from harness.diagnosis.result.estimator_gain import EstimatorErrors, fitted_model
@@ -46,7 +46,7 @@ def cautions(trace: Trace) -> tuple[str, ...]:
     return tuple(dict.fromkeys(sentences))
 
 
-def _bounds(what: str, fitted: Fitted) -> list[str]:
+def _bounds(what: str, fitted: FittedHypothesis) -> list[str]:
     sentences = []
     for c in fitted.coordinates:
         value = fitted.point.value(c)
@@ -88,7 +88,7 @@ class Outcome:
     judged: tuple[Judged, ...]
     nominal: ModelSpec
     amended: ModelSpec
-    where: Where
+    where: Localisation
     estimators: tuple[EstimatorErrors, ...] = ()
     study_gain: StudyGain | str | None = None
     notes: tuple[str, ...] = ()
@@ -150,7 +150,9 @@ def outcome_of(trace: Trace, say: Say = lambda _: None, failures: Failures = RAI
         lambda _: f"The verdict is: {verdict}.",
     )
     refitted = tuple(_value(trace, errors, name) for name in trace.free)
-    return Outcome(trace, verdict, sentences, values, judged, nominal, amended, localisation, failures=failures, refitted=refitted)
+    return Outcome(
+        trace, verdict, sentences, values, judged, nominal, amended, localisation, failures=failures, refitted=refitted
+    )
 
 
 def _values(trace: Trace, errors: Mapping[tuple[str, int], float]) -> dict[str, tuple[Value, ...]]:

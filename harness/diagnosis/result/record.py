@@ -16,7 +16,7 @@ from harness.diagnosis.innovations.disturbance_inputs import place_of
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.residuals.dependence import DEGREE, Curve
-from harness.diagnosis.residuals.localisation import Where
+from harness.diagnosis.residuals.localisation import Localisation
 from harness.diagnosis.residuals.order_analysis import PeriodicDisturbance
 from harness.diagnosis.residuals.unmodelled import UnmodelledDisturbance
 from harness.diagnosis.result.answer import described
@@ -37,9 +37,9 @@ SCHEMA_VERSION = 2
 
 def record(outcome: Outcome) -> dict[str, Any]:
     """Return the content of ``trace.json`` in SI units; a part that cannot be made is ``None``."""
-    parts = {**_search(outcome), **_gains(outcome)}
+    makers = {**_search(outcome), **_gains(outcome)}
     parts = {
-        key: outcome.failures.attempt(f"“{key}” of trace.json", make, lambda _: None) for key, make in parts.items()
+        key: outcome.failures.attempt(f"“{key}” of trace.json", make, lambda _: None) for key, make in makers.items()
     }
     head = {"schema_version": SCHEMA_VERSION, "verdict": outcome.verdict, "answer": outcome.answer}
     return {**head, **parts, "not_made": list(outcome.failures.sentences)}
@@ -282,7 +282,7 @@ def _models(outcome: Outcome) -> dict[str, str]:
     }
 
 
-def ranking_record(localisation: Where, plan: Plan | None) -> list[dict[str, Any]]:
+def ranking_record(localisation: Localisation, plan: Plan | None) -> list[dict[str, Any]]:
     """Return ``pinpoint`` of ``trace.json``: every input, the one that explains most first, and where it acts."""
     if localisation.nominal is None or localisation.final is None:
         return []

@@ -14,7 +14,7 @@ from harness.diagnosis.criteria import (
     PRIORS,
     SAME,
 )
-from harness.diagnosis.fitting.fit import Fitted
+from harness.diagnosis.fitting.fit import FittedHypothesis
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.selection.score_test import Score, cosine
 from harness.diagnosis.selection.validation import Judgement, predicts_better
@@ -33,7 +33,7 @@ class Candidate:
     """
 
     score: Score
-    fitted: Fitted | None
+    fitted: FittedHypothesis | None
     bic: float
     held_out: Judgement | None
 
@@ -143,7 +143,7 @@ def objections(c: Candidate, before: Judgement) -> list[str]:
     return sentences
 
 
-def beyond_belief(fitted: Fitted, added: Sequence[Hypothesis]) -> str:
+def beyond_belief(fitted: FittedHypothesis, added: Sequence[Hypothesis]) -> str:
     """Return which of many parameters would be wrong by implausible factors, and by which; empty if none is.
 
     Args:

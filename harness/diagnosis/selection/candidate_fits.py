@@ -9,7 +9,7 @@ from functools import partial
 
 from harness.config.parameter_set import stated_std
 from harness.diagnosis.criteria import BIC_NEEDED, HOPEFUL, MOST
-from harness.diagnosis.fitting.fit import TURNS, Fitted, Fitting, KeptFits, Point
+from harness.diagnosis.fitting.fit import TURNS, FittedHypothesis, Fitting, KeptFits, ParameterPoint
 from harness.diagnosis.model.hypotheses import Hypothesis, coordinates, hypotheses
 from harness.diagnosis.selection.score_test import Score, ScoreTest
 from harness.diagnosis.selection.validation import HeldOut, Judgement
@@ -61,21 +61,21 @@ class CandidateFits:
         self._effects = {h.name: h for h in hypotheses(self.augmented, free) if h.kind == "effect"}
         self._log_samples = math.log(fitting.samples)
         self.doubt = math.inf if fitting.noise_held else 0.5 * HOPEFUL
-        self.models: dict[frozenset[Hypothesis], tuple[Added, Fitted]] = {}
+        self.models: dict[frozenset[Hypothesis], tuple[Added, FittedHypothesis]] = {}
         self.refuted: set[Hypothesis] = set()
-        self._judged: dict[tuple[Added, int], tuple[Judgement, Point]] = {}
-        self._test: tuple[Fitted, ScoreTest] | None = None
-        self._scores: dict[int, tuple[set[Hypothesis], list[Score], Point]] = {}
+        self._judged: dict[tuple[Added, int], tuple[Judgement, ParameterPoint]] = {}
+        self._test: tuple[FittedHypothesis, ScoreTest] | None = None
+        self._scores: dict[int, tuple[set[Hypothesis], list[Score], ParameterPoint]] = {}
 
     def fit(
         self,
         added: Added,
-        start: Point,
+        start: ParameterPoint,
         iterations: int = ITERATIONS,
         turns: int = TURNS,
         afresh: bool = True,
         least: float = -math.inf,
-    ) -> Fitted:
+    ) -> FittedHypothesis:
         """Fit the free parameters, additions and noise, as ``Fitting.fit`` does."""
         moved = coordinates(self.augmented, self.free, added, len(self.fitting.drives), self._known)
         fitted = self._kept.fit(self.fitting, moved, start, (iterations, turns, afresh, least))
@@ -89,7 +89,7 @@ class CandidateFits:
         places = {k for k in added if k.kind == h.kind and k.name != h.name and split(k.name)[0] == h.name}
         return (*(k for k in added if k not in places), self._effects[h.name]) if places else (*added, *h.single)
 
-    def with_addition(self, h: Hypothesis) -> Point | None:
+    def with_addition(self, h: Hypothesis) -> ParameterPoint | None:
         """Return where the likeliest of the models with a hypothesis was fitted; ``None`` if there is none."""
         fits = [fitted for key, (_, fitted) in self.models.items() if key.issuperset(h.single)]
         return max(fits, key=lambda fitted: fitted.objective).point if fits else None
@@ -103,7 +103,7 @@ class CandidateFits:
         self.refuted.add(h)
         self.models = {key: model for key, model in self.models.items() if h not in key}
 
-    def without(self, point: Point, gone: Added, rest: Added) -> Point:
+    def without(self, point: ParameterPoint, gone: Added, rest: Added) -> ParameterPoint:
         """Return a point with what belongs to some additions, and to no other, as stated."""
         values, rows = point.values.copy(), [self.augmented.row(n) for n in own_of(gone, rest)]
         values[rows] = self.augmented.stated()[rows, None]
@@ -111,12 +111,12 @@ class CandidateFits:
 
     def fit_all(
         self,
-        models: Sequence[tuple[Added, Callable[[], Point]]],
+        models: Sequence[tuple[Added, Callable[[], ParameterPoint]]],
         least: float = -math.inf,
         base: float = math.inf,
         afresh: bool = True,
         needed: float = -math.inf,
-    ) -> list[Fitted]:
+    ) -> list[FittedHypothesis]:
         """Fit models at once, and to the end only those that come near the best of them.
 
         The first, on all threads, sets what the others have to promise within their first turn: to come so near that
@@ -135,10 +135,10 @@ class CandidateFits:
             needed: Objective without which they are of no use: what does not promise it is given up.
         """
 
-        def first_turn(useful: float, model: tuple[Added, Callable[[], Point]]) -> Fitted:
+        def first_turn(useful: float, model: tuple[Added, Callable[[], ParameterPoint]]) -> FittedHypothesis:
             return self.fit(model[0], model[1](), turns=1, afresh=afresh, least=useful)
 
-        def further(added: Added, fitted: Fitted) -> Fitted:
+        def further(added: Added, fitted: FittedHypothesis) -> FittedHypothesis:
             near = best - fitted.objective < far and not fitted.ended
             return self.fit(added, fitted.point, afresh=False, least=max(needed, best - self.doubt)) if near else fitted
 
@@ -150,11 +150,11 @@ class CandidateFits:
         far = max(BIC_NEEDED, MOST * (best - base))
         return share(lambda tried: further(tried[0][0], tried[1]), list(zip(models, fitted, strict=True)))
 
-    def fit_near(self, added: Added, start: Point, objective: float, needed: float) -> Fitted:
+    def fit_near(self, added: Added, start: ParameterPoint, objective: float, needed: float) -> FittedHypothesis:
         """Fit on from a point, to the end only what comes near an objective; give up what does not promise another."""
         return self.fit_all([(added, lambda: start)], objective, afresh=False, needed=needed)[0]
 
-    def judge(self, added: Added, point: Point) -> Judgement:
+    def judge(self, added: Added, point: ParameterPoint) -> Judgement:
         """Judge a model on the held-out drives; the same one once."""
         key = added, id(point)
         if key not in self._judged:  # beside the point, whose id is its own as long as it is kept
@@ -162,7 +162,7 @@ class CandidateFits:
         return self._judged[key][0]
 
     def scores_at(
-        self, point: Point, tried: Sequence[Hypothesis], score: Callable[[Sequence[Hypothesis]], list[Score]]
+        self, point: ParameterPoint, tried: Sequence[Hypothesis], score: Callable[[Sequence[Hypothesis]], list[Score]]
     ) -> list[Score]:
         """Return the scores of hypotheses at a fit that ended at a point; what was scored there is not scored again."""
         scored, scores, _ = self._scores.get(id(point), (set[Hypothesis](), [], point))
@@ -171,7 +171,7 @@ class CandidateFits:
             self._scores[id(point)] = scored, scores, point  # which is kept, so that its id stays its own
         return [s for s in scores if s.hypothesis in tried]
 
-    def score_test(self, fitted: Fitted) -> ScoreTest:
+    def score_test(self, fitted: FittedHypothesis) -> ScoreTest:
         """Return the score test at a fit; the last one is kept."""
         if self._test is None or self._test[0] is not fitted:
             self._test = fitted, ScoreTest(self.fitting, fitted)
@@ -181,7 +181,7 @@ class CandidateFits:
         """Return a gain in log-likelihood as gain in BIC."""
         return 2.0 * gain - freedom * self._log_samples
 
-    def on_grids(self, point: Point, names: Sequence[str]) -> list[Point]:
+    def on_grids(self, point: ParameterPoint, names: Sequence[str]) -> list[ParameterPoint]:
         """Return a point, and others with one parameter each at a value of its grid."""
         points = [point]
         for name in names:
@@ -191,7 +191,7 @@ class CandidateFits:
                 points.append(replace(point, values=values))
         return points
 
-    def start(self, point: Point, s: Score) -> Point:
+    def start(self, point: ParameterPoint, s: Score) -> ParameterPoint:
         """Return the best start for a joint fit: what the score predicts or less, or a value of the amplitudes' grids.
 
         Of a large effect, or in another model than the one it was predicted for, the best may be none of it yet.

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.common.arrays import Floats
-from harness.diagnosis.innovations.innovation_model import Linearisation, Linearised
-from harness.identification.data import Drive
+from harness.diagnosis.innovations.innovation_model import Linearised, ModelTangents
+from harness.identification.data import DriveData
 from harness.identification.filtered_model import FilterRun
 
 _RIDGE = 1e-6
@@ -126,7 +126,7 @@ class Onsets:
     """
 
     def __init__(
-        self, linearisation: Linearisation, drive: Drive, values: Floats, kept: FilterRun, grid: Floats
+        self, linearisation: ModelTangents, drive: DriveData, values: Floats, kept: FilterRun, grid: Floats
     ) -> None:
         self.grid, self._whole = grid, linearisation.augmented
         self._linear = Linearised(linearisation, drive, values, kept)

@@ -16,7 +16,7 @@ import numpy as np
 from harness.common.arrays import Floats
 from harness.common.failures import RAISED, Failures
 from harness.diagnosis.criteria import EXCESS, ROUNDS
-from harness.diagnosis.fitting.fit import Fitted, Fitting, KeptFits
+from harness.diagnosis.fitting.fit import FittedHypothesis, Fitting, KeptFits
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.selection.acceptance import Round, beyond_belief, with_further
@@ -25,7 +25,7 @@ from harness.diagnosis.selection.model_comparison import likeliest
 from harness.diagnosis.selection.posterior import Posterior
 from harness.diagnosis.selection.selection_round import SelectionRound, selection_round
 from harness.diagnosis.selection.validation import HeldOut, Judgement, colour_left
-from harness.identification.data import Drive
+from harness.identification.data import DriveData
 from harness.identification.signal_noise import white_noise
 
 
@@ -51,8 +51,8 @@ class Trace:
     fitting: Fitting
     held_out: HeldOut
     free: tuple[str, ...]
-    nominal: Fitted
-    final: Fitted
+    nominal: FittedHypothesis
+    final: FittedHypothesis
     added: tuple[Hypothesis, ...]
     rounds: tuple[Round, ...]
     dropped: tuple[Hypothesis, ...]
@@ -69,8 +69,8 @@ class Trace:
 
 def trace(
     augmented: AugmentedModel,
-    train: Sequence[Drive],
-    test: Sequence[Drive],
+    train: Sequence[DriveData],
+    test: Sequence[DriveData],
     free: Sequence[str],
     say: Say = lambda _: None,
     rounds: int = ROUNDS,
@@ -95,10 +95,10 @@ def trace(
     variances = first_variances(augmented, [*train, *test], stated_noise)
     fitting = Fitting(augmented, train, variances, stated_noise, [*train, *test])
     candidate_fits = CandidateFits(fitting, HeldOut(augmented, test, variances), tuple(free), say, kept)
-    return _Search(candidate_fits, rounds, failures).run()
+    return _ForwardSelection(candidate_fits, rounds, failures).run()
 
 
-def first_variances(augmented: AugmentedModel, drives: Sequence[Drive], stated_noise: bool = False) -> Floats:
+def first_variances(augmented: AugmentedModel, drives: Sequence[DriveData], stated_noise: bool = False) -> Floats:
     """Return the white noise of every output ``(ny,)``; that of the model where a signal is too coarse to show it.
 
     With ``stated_noise`` it is that of the model where the signals have less.
@@ -109,7 +109,7 @@ def first_variances(augmented: AugmentedModel, drives: Sequence[Drive], stated_n
     return np.maximum(variances, stated) if stated_noise else variances
 
 
-class _Search:
+class _ForwardSelection:
     def __init__(self, candidate_fits: CandidateFits, rounds: int, failures: Failures = RAISED) -> None:
         self.candidate_fits, self.most, self.failures = candidate_fits, rounds, failures
         self.rounds: list[Round] = []
@@ -161,7 +161,7 @@ class _Search:
             posterior,
         )
 
-    def _if_whole(self, added: Added, best: Fitted, process: Hypothesis) -> tuple[Added, Fitted]:
+    def _if_whole(self, added: Added, best: FittedHypothesis, process: Hypothesis) -> tuple[Added, FittedHypothesis]:
         """Return a model without one of its random processes, unless nothing else seems to be missing beside that.
 
         It takes up whatever is slow. In the place of what is missing it leaves what that does quickly, so innovations
@@ -175,7 +175,7 @@ class _Search:
         fits.refute(process)
         return rest, less
 
-    def _forward(self, added: Added, best: Fitted) -> tuple[Added, Fitted]:
+    def _forward(self, added: Added, best: FittedHypothesis) -> tuple[Added, FittedHypothesis]:
         """Return a model with what round after round adds, until nothing is accepted, and its fit."""
         fits = self.candidate_fits
         while True:
@@ -195,7 +195,7 @@ class _Search:
                 assert r.added.fitted is not None
                 added, best = fits.joined(added, r.added.hypothesis), r.added.fitted
 
-    def _round(self, added: Added, best: Fitted, number: int) -> tuple[SelectionRound | None, list[Round]]:
+    def _round(self, added: Added, best: FittedHypothesis, number: int) -> tuple[SelectionRound | None, list[Round]]:
         """Try everything once; return what was tried and the round, or two."""
         tried = selection_round(self.candidate_fits, added, [best], number)
         return tried, self._passed(tried, number)
@@ -229,6 +229,6 @@ def _size(added: Added) -> int:
     return sum(not h.clock for h in added) + any(h.clock for h in added)
 
 
-def _as_added(added: Added, best: Fitted, _: str) -> tuple[Added, Fitted, Posterior | None]:
+def _as_added(added: Added, best: FittedHypothesis, _: str) -> tuple[Added, FittedHypothesis, Posterior | None]:
     """Return what rounds added as it is, where probabilities could not be computed."""
     return added, best, None

@@ -22,7 +22,7 @@ from scipy.special import logsumexp
 
 from harness.common.arrays import Floats
 from harness.diagnosis.criteria import HOPEFUL, HORIZONS, PRIORS, TRIED
-from harness.diagnosis.fitting.fit import Fitted, Fitting, Point
+from harness.diagnosis.fitting.fit import FittedHypothesis, Fitting, ParameterPoint
 from harness.diagnosis.innovations.prediction import Ahead, Prediction
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, hypotheses
 from harness.diagnosis.selection.acceptance import Candidate, Round, same
@@ -47,7 +47,7 @@ from harness.diagnosis.selection.selection_round import SelectionRound
 from harness.diagnosis.selection.validation import Judgement, leaves_nothing
 from harness.diagnosis.selection.wald import Curvature
 
-_Models = dict[frozenset[Hypothesis], tuple[Added, Callable[[], Point]]]
+_Models = dict[frozenset[Hypothesis], tuple[Added, Callable[[], ParameterPoint]]]
 
 
 class Alternatives:
@@ -62,7 +62,7 @@ class Alternatives:
         self._fits, self._rounds = fits, rounds
         self._ranked: dict[frozenset[Hypothesis], tuple[list[Score], list[Score]]] = {}
 
-    def fit(self, added: Added, best: Fitted, needed: Container[Hypothesis]) -> None:
+    def fit(self, added: Added, best: FittedHypothesis, needed: Container[Hypothesis]) -> None:
         """Fit a model without each of its additions, and with what may stand in its place, if that was not done yet.
 
         Nothing replaces what recordings have anyway, late channels and drifts: a drift had the better of all else in
@@ -97,7 +97,7 @@ class Alternatives:
             if not any(leaves_nothing(self._judged(k), before) for k in simpler):
                 self._fit_new(model, best, best.objective - fits.doubt)
 
-    def _simpler(self, key: frozenset[Hypothesis], many: frozenset[Hypothesis], best: Fitted) -> bool:
+    def _simpler(self, key: frozenset[Hypothesis], many: frozenset[Hypothesis], best: FittedHypothesis) -> bool:
         """Whether a model is simpler than one with many parameters: one addition, or a likelier part of that model."""
         if sum(not (h.clock or h.random) for h in key) < 2:
             return True
@@ -109,13 +109,13 @@ class Alternatives:
         added, fitted = self._fits.models[key]
         return self._fits.judge(added, fitted.point)
 
-    def _fit_new(self, models: _Models, best: Fitted, needed: float) -> None:
+    def _fit_new(self, models: _Models, best: FittedHypothesis, needed: float) -> None:
         new = [model for key, model in models.items() if key not in self._fits.models]
         if new:
             self._fits.say("fitting what may stand in the place of what was found")
             self._fits.fit_all(new, best.objective, afresh=False, needed=needed)
 
-    def _start(self, h: Hypothesis, rest: Added, point: Point, s: Score) -> Point:
+    def _start(self, h: Hypothesis, rest: Added, point: ParameterPoint, s: Score) -> ParameterPoint:
         """Return where a fit of something in the place of an addition starts, with the noise of the model with that.
 
         It is what the score predicts in the model without the addition; or what was fitted of the same in another
@@ -134,7 +134,7 @@ class Alternatives:
             starts += [replace(point, values=values) for values in (here, there)]
         return fits.fitting.best(starts)
 
-    def _stand_ins(self, h: Hypothesis, rest: Added, best: Fitted) -> list[Score]:
+    def _stand_ins(self, h: Hypothesis, rest: Added, best: FittedHypothesis) -> list[Score]:
         """Return what promises most in the place of an addition, the best first, but for what says the same as it.
 
         And what came nearest to it in its round.
@@ -170,7 +170,7 @@ class Alternatives:
                 return max(tried, key=lambda c: c.bic).hypothesis if tried else None
         return None
 
-    def _test(self, h: Hypothesis, rest: Added, best: Fitted) -> ScoreTest | None:
+    def _test(self, h: Hypothesis, rest: Added, best: FittedHypothesis) -> ScoreTest | None:
         """Return the score test of a model without an addition, by the columns of the model with it.
 
         What the drives show of it is then what something else would have to explain, and nothing is to be computed
@@ -190,15 +190,15 @@ class _Predicted:
     """
 
     added: Added
-    fitted: Fitted
+    fitted: FittedHypothesis
     aheads: tuple[Ahead, ...]
     penalty: float
     blocks: Floats
 
 
 def likeliest(
-    fits: CandidateFits, rounds: Sequence[Round], added: Added, best: Fitted
-) -> tuple[Added, Fitted, Posterior]:
+    fits: CandidateFits, rounds: Sequence[Round], added: Added, best: FittedHypothesis
+) -> tuple[Added, FittedHypothesis, Posterior]:
     """Return what of the additions stays or takes their place, its fit, and how likely every model of a trace is.
 
     Args:
@@ -220,8 +220,8 @@ def likeliest(
 
 
 def _lessened(
-    fits: CandidateFits, compared: _Comparison, added: Added, best: Fitted
-) -> tuple[Added, Fitted, set[Hypothesis]]:
+    fits: CandidateFits, compared: _Comparison, added: Added, best: FittedHypothesis
+) -> tuple[Added, FittedHypothesis, set[Hypothesis]]:
     """Return a model without those of its additions, one after the other, without which it is likelier, and its fit.
 
     And the additions without which it was out of the question.
@@ -291,7 +291,7 @@ class _Comparison:
         self._odds = log_odds(hypotheses(fits.augmented, fits.free))
         self._alike: dict[Hypothesis, Alike] = {}
 
-    def likeliest(self, models: Sequence[tuple[Added, Fitted]]) -> tuple[Added, Fitted]:
+    def likeliest(self, models: Sequence[tuple[Added, FittedHypothesis]]) -> tuple[Added, FittedHypothesis]:
         """Return the likeliest of some models, weighed among themselves.
 
         Beside all others both may have no probability that a number can hold.
@@ -300,7 +300,7 @@ class _Comparison:
         weighed = self._weighed(models)
         return models[int(np.argmax(probabilities(weighed.priors, weighed.densities)))]
 
-    def _in_doubt(self, models: Sequence[tuple[Added, Fitted]]) -> list[tuple[Added, Fitted]]:
+    def _in_doubt(self, models: Sequence[tuple[Added, FittedHypothesis]]) -> list[tuple[Added, FittedHypothesis]]:
         """Return the models whose fit is not so far behind the best one that they are out of the question.
 
         Far behind, one has no probability that a number can hold, and its fit was given up.
@@ -338,7 +338,7 @@ class _Comparison:
         )
         return Posterior(models, float(joint[len(order) :].sum()), coverage(first.aheads))
 
-    def _weighed(self, models: Sequence[tuple[Added, Fitted]]) -> _Weighed:
+    def _weighed(self, models: Sequence[tuple[Added, FittedHypothesis]]) -> _Weighed:
         """Return models with what is compared of them."""
         new = [m for m in models if id(m[1]) not in self._known]
         predictions = self.fits.augmented.share(lambda model: self._predicted(*model), new)
@@ -350,7 +350,7 @@ class _Comparison:
         priors = [_log_prior(p, c, self._odds) for p, c in zip(predicted, classes, strict=True)]
         return _Weighed(predicted, classes, np.array(priors), shared_horizons(np.array([p.blocks for p in predicted])))
 
-    def _predicted(self, added: Added, fitted: Fitted) -> _Predicted:
+    def _predicted(self, added: Added, fitted: FittedHypothesis) -> _Predicted:
         held_out = self.fits.held_out
         judged = self.fits.judge(added, fitted.point)
         aheads = self._aheads(held_out.fitting, judged.point)
@@ -359,7 +359,7 @@ class _Comparison:
         blocks = by_block([a.densities for a in aheads], held_out.drives, penalty)
         return _Predicted(added, fitted, aheads, penalty, blocks)
 
-    def _aheads(self, fitting: Fitting, point: Point) -> tuple[Ahead, ...]:
+    def _aheads(self, fitting: Fitting, point: ParameterPoint) -> tuple[Ahead, ...]:
         """Return how a model predicts drives at all horizons."""
         step = self.fits.augmented.spec.step
         samples = [max(1.0, h if math.isinf(h) else round(h / step)) for h in HORIZONS]

@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from harness.diagnosis.criteria import BIC_NEEDED
-from harness.diagnosis.fitting.fit import Fitting, Point
+from harness.diagnosis.fitting.fit import Fitting, ParameterPoint
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import coordinates
 from harness.diagnosis.selection.forward_selection import first_variances
 from harness.diagnosis.selection.validation import HeldOut, Judgement, predicts_better
 from harness.identification.coordinates import Coordinate
-from harness.identification.data import Drive
+from harness.identification.data import DriveData
 from harness.models.contracts import Parameter
 
 _FURTHEST = 5.0
@@ -76,8 +76,8 @@ class Changes:
 
 def single_changes(
     augmented: AugmentedModel,
-    train: Sequence[Drive],
-    test: Sequence[Drive],
+    train: Sequence[DriveData],
+    test: Sequence[DriveData],
     stated_noise: bool,
     say: Callable[[str], None] = lambda _: None,
 ) -> Changes:
@@ -107,7 +107,7 @@ def single_changes(
     return Changes(held_out.judge((), first), tuple(changes))
 
 
-def _starts(c: Coordinate, first: Point) -> list[Point]:
+def _starts(c: Coordinate, first: ParameterPoint) -> list[ParameterPoint]:
     """Return points with other values of a parameter, its stated one among them."""
     here, low, high = c.coordinate(first.value(c)), c.lower, c.upper
     if c.logarithmic:

@@ -27,10 +27,10 @@ from scipy.stats import chi2
 from harness.common.arrays import Floats
 from harness.common.statistics import Interval
 from harness.diagnosis.criteria import BLOCK, MASS, PRIORS
-from harness.diagnosis.fitting.fit import Fitted
+from harness.diagnosis.fitting.fit import FittedHypothesis
 from harness.diagnosis.innovations.prediction import Ahead
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
-from harness.identification.data import Drive
+from harness.identification.data import DriveData
 from harness.identification.uncertainty import marginal
 from harness.models.assembly.placement import split
 
@@ -60,7 +60,7 @@ def log_odds(tried: Sequence[Hypothesis]) -> dict[tuple[str, str], float]:
     return {(h.kind, h.name): math.log(odds(h)) for h in tried}
 
 
-def log_size(fitted: Fitted, added: Sequence[Hypothesis]) -> float:
+def log_size(fitted: FittedHypothesis, added: Sequence[Hypothesis]) -> float:
     """Return the logarithm of how plausible the errors of stated values are, over no error.
 
     A parameter is off by what its set states, in its coordinate. Where that says nothing, a positive one is off by a
@@ -72,7 +72,7 @@ def log_size(fitted: Fitted, added: Sequence[Hypothesis]) -> float:
     return -0.5 * sum(((c.coordinate(fitted.point.value(c)) - c.centre) / c.stated_std) ** 2 for c in moved)
 
 
-def log_stand_in(fitted: Fitted, added: Sequence[Hypothesis], information: Floats) -> float:
+def log_stand_in(fitted: FittedHypothesis, added: Sequence[Hypothesis], information: Floats) -> float:
     """Return the log odds by which values of many parameters at once rather stand for something unlisted.
 
     Values that are only stated wrongly scatter as they are known to. Some of many that a fit moves may take up what no
@@ -148,7 +148,7 @@ class ComparedModel:
     """
 
     added: tuple[Alike, ...]
-    fitted: Fitted
+    fitted: FittedHypothesis
     log_prior: float
     densities: Floats
     difference: Interval
@@ -199,7 +199,7 @@ class Posterior:
                     inclusion[h] = inclusion.get(h, 0.0) + m.probability * share
         return dict(sorted(inclusion.items(), key=lambda item: -item[1]))
 
-    def beside(self, fitted: Fitted, gain: float) -> Posterior:
+    def beside(self, fitted: FittedHypothesis, gain: float) -> Posterior:
         """Return the probabilities where something unlisted was found beside a model.
 
         Its odds are those of "none of these" there, times the factor by which it makes the held-out drives likelier.
@@ -358,7 +358,7 @@ def coverage(held_out: Sequence[Ahead]) -> Floats:
     return np.asarray(np.concatenate([w[a.seen > 0] for w, a in zip(within, held_out, strict=True)]).mean(axis=0))
 
 
-def by_block(densities: Sequence[Floats], drives: Sequence[Drive], penalty: float = 0.0) -> Floats:
+def by_block(densities: Sequence[Floats], drives: Sequence[DriveData], penalty: float = 0.0) -> Floats:
     """Return log densities of several drives by block ``(blocks, horizons)``, less what was fitted to them there.
 
     The first block of a drive, unless it is the only one, is left out: far ahead, what it shows is how soon a model

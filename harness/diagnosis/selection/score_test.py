@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from harness.common.arrays import Floats
-from harness.diagnosis.fitting.fit import Fitted, Fitting, Point, in_rows
-from harness.diagnosis.innovations.innovation_model import Linearisation
+from harness.diagnosis.fitting.fit import FittedHypothesis, Fitting, ParameterPoint, in_rows
+from harness.diagnosis.innovations.innovation_model import ModelTangents
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.selection.change_times import ChangeResponse, Choices, Columns, Onsets, choices, join
 from harness.identification.uncertainty import covariance_of
@@ -104,7 +104,7 @@ class ScoreTest:
         fitted: The fit; what it moved is projected out, but for the noise and random processes.
     """
 
-    def __init__(self, fitting: Fitting, fitted: Fitted) -> None:
+    def __init__(self, fitting: Fitting, fitted: FittedHypothesis) -> None:
         self.fitting, self.point, self._at = fitting, fitted.point, fitted.point
         self.augmented, self.drives = fitting.augmented, fitting.drives
         self.kept = fitting.runs(fitted.point)
@@ -112,7 +112,7 @@ class ScoreTest:
         self._coordinates = [c for c in fitted.coordinates if c.kind == "parameter"]
         self.moved = fitting.columns(self._coordinates, fitted.point)
         self._outputs = len(self.augmented.model.outputs)
-        self._linearisation = Linearisation(self.augmented)
+        self._linearisation = ModelTangents(self.augmented)
         self._plain_known = _PlainColumns({}, [np.zeros((len(r), 0)) for r in self.residual])
         self._held: dict[str, float] = {}
         self._onsets: dict[int, Onsets] = {}
@@ -131,7 +131,7 @@ class ScoreTest:
         self._inverse = np.linalg.pinv(information, rcond=1e-10, hermitian=True)
         self._products: dict[tuple[int, str, str], Floats] = {}
 
-    def without(self, h: Hypothesis, own: Collection[str], point: Point) -> ScoreTest:
+    def without(self, h: Hypothesis, own: Collection[str], point: ParameterPoint) -> ScoreTest:
         """Return the test of a fit without something that this one moved, as the columns at this one predict it.
 
         Args:

@@ -17,7 +17,7 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.diagnosis.criteria import BIC_NEEDED, EXCESS, MOST, TRIED
-from harness.diagnosis.fitting.fit import Fitted, Point
+from harness.diagnosis.fitting.fit import FittedHypothesis, ParameterPoint
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, hypotheses, still_open
 from harness.diagnosis.selection.acceptance import (
     Candidate,
@@ -41,7 +41,7 @@ _Values = tuple[float, ...]
 """Of what all drives share of a process."""
 
 
-def random_scores(fits: CandidateFits, point: Point, tried: Sequence[Hypothesis]) -> list[Score]:
+def random_scores(fits: CandidateFits, point: ParameterPoint, tried: Sequence[Hypothesis]) -> list[Score]:
     """Return what random processes gain in likelihood at the best values of their grids, in place of a score test.
 
     Each process is the likeliest by itself, also where there are several at once.
@@ -50,7 +50,9 @@ def random_scores(fits: CandidateFits, point: Point, tried: Sequence[Hypothesis]
         return []
     single = list(dict.fromkeys(process for h in tried for process in h.single))
     grids = [[_at(fits, point, process), *_grid(fits, process)] for process in single]
-    alone = [_with(fits, point, {process: values}) for process, grid in zip(single, grids, strict=True) for values in grid]
+    alone = [
+        _with(fits, point, {process: values}) for process, grid in zip(single, grids, strict=True) for values in grid
+    ]
     likelihoods = np.split(_log_likelihoods(fits, alone), np.cumsum([len(grid) for grid in grids[:-1]]))
     best = {process: grid[int(np.argmax(own))] for process, grid, own in zip(single, grids, likelihoods, strict=True)}
     points = [_with(fits, point, {process: best[process] for process in h.single}) for h in tried]
@@ -58,7 +60,7 @@ def random_scores(fits: CandidateFits, point: Point, tried: Sequence[Hypothesis]
     return [_score(fits, h, p, float(gain)) for h, p, gain in zip(tried, points, gains[1:] - gains[0], strict=True)]
 
 
-def _score(fits: CandidateFits, h: Hypothesis, point: Point, gain: float) -> Score:
+def _score(fits: CandidateFits, h: Hypothesis, point: ParameterPoint, gain: float) -> Score:
     """Return what a process gains at a point; no drive shows a response, and none is needed."""
     drives = fits.fitting.drives
     at = dict(zip(h.shared, _at(fits, point, h), strict=True))
@@ -74,12 +76,12 @@ def _grid(fits: CandidateFits, h: Hypothesis) -> list[_Values]:
     return list(itertools.product(*(p.grid for p in parameters)))
 
 
-def _at(fits: CandidateFits, point: Point, h: Hypothesis) -> _Values:
+def _at(fits: CandidateFits, point: ParameterPoint, h: Hypothesis) -> _Values:
     """Return the values of a process at a point."""
     return tuple(float(point.values[fits.augmented.row(n), 0]) for n in h.shared)
 
 
-def _with(fits: CandidateFits, point: Point, processes: Mapping[Hypothesis, _Values]) -> Point:
+def _with(fits: CandidateFits, point: ParameterPoint, processes: Mapping[Hypothesis, _Values]) -> ParameterPoint:
     """Return a point with other values of some processes."""
     values = point.values.copy()
     for h, own in processes.items():
@@ -87,11 +89,13 @@ def _with(fits: CandidateFits, point: Point, processes: Mapping[Hypothesis, _Val
     return replace(point, values=values)
 
 
-def _log_likelihoods(fits: CandidateFits, points: Sequence[Point]) -> Floats:
+def _log_likelihoods(fits: CandidateFits, points: Sequence[ParameterPoint]) -> Floats:
     return fits.augmented.log_likelihoods(fits.fitting.drives, fits.fitting.candidates(points))
 
 
-def selection_round(candidate_fits: CandidateFits, added: Added, without: list[Fitted], number: int) -> SelectionRound:
+def selection_round(
+    candidate_fits: CandidateFits, added: Added, without: list[FittedHypothesis], number: int
+) -> SelectionRound:
     """Try everything once.
 
     Args:
@@ -120,7 +124,7 @@ class SelectionRound:
         self,
         candidate_fits: CandidateFits,
         added: Added,
-        without: list[Fitted],
+        without: list[FittedHypothesis],
         name: str,
         test: ScoreTest | None = None,
     ) -> None:
@@ -128,10 +132,10 @@ class SelectionRound:
         self._test = test
         self.promised: list[Score] = []
         self.shortlist: list[Score] = []
-        self.fits: dict[Hypothesis, Fitted] = {}
+        self.fits: dict[Hypothesis, FittedHypothesis] = {}
 
     @property
-    def best(self) -> Fitted:
+    def best(self) -> FittedHypothesis:
         """The likeliest fit of the model without addition."""
         return self.without[-1]
 
@@ -140,7 +144,7 @@ class SelectionRound:
         """The model without addition on the held-out drives."""
         return hardest([self.candidate_fits.judge(self.added, f.point) for f in self.without])
 
-    def run(self) -> Fitted | None:
+    def run(self) -> FittedHypothesis | None:
         """Fit what is worth it; return a fit without addition from which the round has to start again, if any."""
         self.rank()
         self.fit_worthy()
@@ -298,7 +302,7 @@ class SelectionRound:
         """Return what was fitted and is not many parameters at once, the largest predicted gain first."""
         return [s for s in self.promised if s.hypothesis in self.fits and s.hypothesis.name != ALL_PARAMETERS]
 
-    def fit(self, scores: Sequence[Score], near: Point | None = None) -> None:
+    def fit(self, scores: Sequence[Score], near: ParameterPoint | None = None) -> None:
         """Fit and judge hypotheses, all at once, from the amplitudes that their scores predict.
 
         Args:
@@ -311,7 +315,7 @@ class SelectionRound:
 
         fits = self.candidate_fits
 
-        def start(s: Score) -> Point:
+        def start(s: Score) -> ParameterPoint:
             starts = [fits.start(point, s) for point in (self.best.point, near) if point is not None]
             return fits.fitting.best(starts)
 
@@ -336,14 +340,14 @@ class SelectionRound:
         """Return the gain in BIC that a score predicts."""
         return self.candidate_fits.bic(s.gain, s.freedom)
 
-    def taken_back(self, h: Hypothesis, fitted: Fitted) -> Point:
+    def taken_back(self, h: Hypothesis, fitted: FittedHypothesis) -> ParameterPoint:
         """Return where a hypothesis left the model's parameters and noise, without itself."""
         values, augmented = fitted.point.values.copy(), self.candidate_fits.augmented
         rows = [augmented.row(n) for n in (*h.shared, *h.change_times)]
         values[rows] = self.best.point.values[rows]
         return replace(fitted.point, values=values)
 
-    def again(self) -> Fitted:
+    def again(self) -> FittedHypothesis:
         """Refit the model without addition from where the best hypothesis left its parameters and noise.
 
         A model that cannot be driven takes the place of none that can.

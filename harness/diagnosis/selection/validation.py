@@ -10,11 +10,11 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.diagnosis.criteria import ERROR_NEEDED, EXCESS, FARTHER, LITTLE, WHITE
-from harness.diagnosis.fitting.fit import Fitted, Fitting, Point, moved_to
+from harness.diagnosis.fitting.fit import FittedHypothesis, Fitting, ParameterPoint, moved_to
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import Hypothesis, coordinates
 from harness.diagnosis.selection.score_test import ScoreTest
-from harness.identification.data import Drive
+from harness.identification.data import DriveData
 from harness.identification.result import DriveJudgement, judged_on, stays
 
 
@@ -38,7 +38,7 @@ class Judgement:
     error: Floats
     normalised_excess_mses: Floats
     drives: tuple[DriveJudgement, ...]
-    point: Point
+    point: ParameterPoint
     log_density: float = math.nan
     wander: Floats | float = 0.0
 
@@ -99,12 +99,12 @@ class HeldOut:
         floor: Root mean square of the simulation error of a perfect model ``(ny,)``.
     """
 
-    def __init__(self, augmented: AugmentedModel, drives: Sequence[Drive], variances: Floats) -> None:
+    def __init__(self, augmented: AugmentedModel, drives: Sequence[DriveData], variances: Floats) -> None:
         self.augmented, self.drives, self.variances = augmented, tuple(drives), variances
         self.fitting = Fitting(augmented, drives, variances)
         self.floor = np.sqrt(floors(self.drives, variances).mean(axis=0))
 
-    def judge(self, added: Sequence[Hypothesis], point: Point) -> Judgement:
+    def judge(self, added: Sequence[Hypothesis], point: ParameterPoint) -> Judgement:
         """Return how a model does; only the change times are fitted to these drives."""
         here, change_times = self._own_change_times(added, moved_to(point, len(self.drives)))
         judged = judged_on(self.augmented, self.drives, self.fitting.candidates([here]))
@@ -117,18 +117,18 @@ class HeldOut:
         share = np.mean(wander / floor, axis=0)
         return Judgement(likelihood, error, normalised_excess_mses, judged, here, density, share)
 
-    def floors(self, point: Point) -> Floats:
+    def floors(self, point: ParameterPoint) -> Floats:
         """Return the variances of the simulation error of a perfect model ``(samples of all drives, ny)``.
 
         Sensors that drift leave more, as far as the model at the point says.
         """
         return floors(self.drives, self.variances) + self._wander(point)
 
-    def _wander(self, point: Point) -> Floats:
+    def _wander(self, point: ParameterPoint) -> Floats:
         """Return the variances that random processes add to that."""
         return np.concatenate([self.augmented.wander(d, point.values[:, i]) for i, d in enumerate(self.drives)])
 
-    def _own_change_times(self, added: Sequence[Hypothesis], point: Point) -> tuple[Point, int]:
+    def _own_change_times(self, added: Sequence[Hypothesis], point: ParameterPoint) -> tuple[ParameterPoint, int]:
         """Return the point with the change times of these drives: the best of a grid, then of their neighbourhood."""
         names = tuple(dict.fromkeys(n for h in added for n in h.change_times))
         if not names:
@@ -137,7 +137,7 @@ class HeldOut:
         for name in names:
             never[self.augmented.row(name)] = self.augmented.model.parameters[self.augmented.row(name)].upper
         without = replace(point, values=never)
-        test = ScoreTest(self.fitting, Fitted((), without, 0.0, 0.0))
+        test = ScoreTest(self.fitting, FittedHypothesis((), without, 0.0, 0.0))
         values = point.values.copy()
         for h in added:
             if h.change_times:
@@ -147,7 +147,7 @@ class HeldOut:
         return self.fitting.only(moved, point, 10).point, len(moved)
 
 
-def simulation_error(drives: Sequence[Drive], free: Sequence[Floats], floor: Floats) -> tuple[Floats, Floats]:
+def simulation_error(drives: Sequence[DriveData], free: Sequence[Floats], floor: Floats) -> tuple[Floats, Floats]:
     """Return error and excesses of a free run, as ``Judgement`` has them.
 
     Every sample counts by its own floor, because the errors of inputs matter more while they change.
@@ -163,7 +163,7 @@ def simulation_error(drives: Sequence[Drive], free: Sequence[Floats], floor: Flo
     return np.sqrt(square), np.full(len(square), np.inf) if strays else np.maximum(normalised - 1.0, 0.0)
 
 
-def _log_density(drives: Sequence[Drive], free: Sequence[Floats], floor: Floats) -> float:
+def _log_density(drives: Sequence[DriveData], free: Sequence[Floats], floor: Floats) -> float:
     errors = np.concatenate([d.measurements - f for d, f in zip(drives, free, strict=True)])
     density = float(np.nansum(_mean(-0.5 * (np.log(floor) + errors**2 / floor))))
     return density if all(stays(f) for f in free) else -math.inf
@@ -175,6 +175,6 @@ def _mean(values: Floats) -> Floats:
     return np.where(count > 0, np.nansum(values, axis=0) / np.maximum(count, 1), np.nan)
 
 
-def floors(drives: Sequence[Drive], variances: Floats) -> Floats:
+def floors(drives: Sequence[DriveData], variances: Floats) -> Floats:
     """Return what is left of the simulation error of a perfect model: its variances ``(samples of all drives, ny)``."""
     return np.concatenate([variances + d.spread for d in drives])

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from harness.common.arrays import Floats
-from harness.diagnosis.fitting.fit import Fitted, Point
+from harness.diagnosis.fitting.fit import FittedHypothesis, ParameterPoint
 from harness.diagnosis.selection.candidate_fits import Added, CandidateFits
 from harness.identification.coordinates import Coordinate
 from harness.identification.fisher_scoring import bounded_step
@@ -33,7 +33,7 @@ class Without:
     """
 
     loss: float
-    points: tuple[Point, ...]
+    points: tuple[ParameterPoint, ...]
 
 
 class Curvature:
@@ -44,7 +44,7 @@ class Curvature:
         fitted: The fit.
     """
 
-    def __init__(self, fits: CandidateFits, fitted: Fitted) -> None:
+    def __init__(self, fits: CandidateFits, fitted: FittedHypothesis) -> None:
         self._fits, self._point = fits, fitted.point
         self._moved = [c for c in fitted.coordinates if c.kind == "parameter"]
         self._information = fits.fitting.information(fitted)
@@ -77,7 +77,7 @@ class Curvature:
         return Without(fits.bic(loss, count), (point, there))
 
 
-def _moved(point: Point, coordinates: Sequence[Coordinate], z: Floats) -> Point:
+def _moved(point: ParameterPoint, coordinates: Sequence[Coordinate], z: Floats) -> ParameterPoint:
     """Return a point with other values of coordinates."""
     values = point.values.copy()
     for c, at in zip(coordinates, z, strict=True):

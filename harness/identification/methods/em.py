@@ -35,7 +35,7 @@ from harness.engine.simd.lanes import LANES as WIDTH
 from harness.estimation.contract import Estimator
 from harness.estimation.particle_smoother import Transitions, run_filter, transitions
 from harness.identification.contract import Estimate, Fit, Problem
-from harness.identification.data import Drive, started_by
+from harness.identification.data import DriveData, started_by
 from harness.identification.filtered_model import Candidates
 from harness.simulation.simulate import in_lanes, variances
 
@@ -127,7 +127,7 @@ class Expecter:
     """
 
     def __init__(
-        self, spec: ModelSpec, free: Sequence[str], drives: Sequence[Drive], particles: int, smoothed: bool
+        self, spec: ModelSpec, free: Sequence[str], drives: Sequence[DriveData], particles: int, smoothed: bool
     ) -> None:
         self.drives, self.smoothed = tuple(drives), smoothed
         shape = (spec.model(), spec.step, spec.integrator, spec.substeps)
@@ -245,7 +245,7 @@ class Maximisation:
     """
 
     def __init__(
-        self, spec: ModelSpec, free: Sequence[str], drives: Sequence[Drive], settings: Settings | None = None
+        self, spec: ModelSpec, free: Sequence[str], drives: Sequence[DriveData], settings: Settings | None = None
     ) -> None:
         self.spec, self.free, self.settings = spec, tuple(free), settings or Settings()
         self._bounds = _search_ranges(spec, self.free, self.settings.bounds)

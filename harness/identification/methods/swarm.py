@@ -119,7 +119,9 @@ def identify(problem: Problem, settings: Settings, say: Callable[[str], None] = 
     say(f"{settings.particles} particles move {settings.iterations} times over {len(problem.drives)} recordings")
     result = optimise(misfit, misfit.lower, misfit.upper, problem.seed, settings)
     if not np.isfinite(result.cost):
-        raise UserError(f"all {result.evaluated} candidates diverged on the recordings; narrow the search with 'bounds'")
+        raise UserError(
+            f"all {result.evaluated} candidates diverged on the recordings; narrow the search with 'bounds'"
+        )
     values = dict(zip(problem.free, map(float, result.values), strict=True))
     estimates = tuple(
         _estimate(declared[n].unit, spec.values[n], values[n], f) for n, f in zip(values, free, strict=True)
