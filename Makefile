@@ -60,10 +60,10 @@ $(IDENTIFY): study-identify-%: studies/identify/%.toml $(VENV)/run.stamp
 	$(BIN)/python -m reproductions.identify_measured $< $(if $(JOBS),--jobs $(JOBS)) --out results/identify-$*
 
 reproduce-box: $(VENV)/run.stamp ## which findings of Ziaukas 2023 survive what it does not publish (an hour; goes on where it stopped)
-	$(BIN)/python -m reproductions.box $(if $(JOBS),--jobs $(JOBS)) --out results/reproduce-box --page docs/unpublished.md
+	$(BIN)/python -m reproductions.box $(if $(JOBS),--jobs $(JOBS)) --out results/reproduce-box --page docs/tables/unpublished.md
 
 reproduce-nearest: $(VENV)/run.stamp ## the studies of Ziaukas 2023 at the nearest point of that box, with both networks (a minute)
-	$(BIN)/python -m reproductions.box.nearest $(if $(JOBS),--jobs $(JOBS)) --out results/reproduce-nearest --page docs/unpublished.md
+	$(BIN)/python -m reproductions.box.nearest $(if $(JOBS),--jobs $(JOBS)) --out results/reproduce-nearest --page docs/tables/unpublished.md
 
 study-realtime: $(VENV)/run.stamp ## time per step of each estimator against the 10 ms cycle, as Ziaukas Bild 6.9
 	$(BIN)/harness realtime studies/mass.toml --drive fast-sine --out results/realtime
@@ -81,7 +81,7 @@ study-%:
 studies: $(filter-out $(RECORDED),$(STUDIES)) study-realtime ## run every study that needs no recording, gather them in results/campaign/report.html and .pdf
 	$(BIN)/harness campaign results --out results/campaign
 
-reproduce: $(VENV)/run.stamp ## renew docs/reproduction.md: every published number beside ours, from the results that are there
+reproduce: $(VENV)/run.stamp ## renew docs/tables/reproduction.md: every published number beside ours, from the results that are there
 	$(BIN)/python -m reproductions.reproduce --results results --out results/reproduction
 
 report: $(VENV)/run.stamp ## rewrite the reports of all finished studies
@@ -109,6 +109,7 @@ build/notebooks/%.ipynb: docs/notebooks/%.ipynb $(VENV)/docs.stamp $(shell find 
 docs: $(VENV)/docs.stamp $(NOTEBOOKS) ## write the documentation as a site to site/, strictly, with notebooks run and pictures renewed
 	PYTHONPATH=tests $(BIN)/python -m bench.gallery docs
 	rm -rf build/docs && cp -R docs build/docs && cp $(NOTEBOOKS) build/docs/notebooks
+	$(BIN)/python -m bench.reference build/docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 
 lint: $(VENV)/dev.stamp ## ruff, mypy and the rule of imports
@@ -121,13 +122,13 @@ lint: $(VENV)/dev.stamp ## ruff, mypy and the rule of imports
 attribution: $(VENV)/dev.stamp ## trace the blind plant's cases and score what was named (hours; CASES="...", VEHICLE, MAGNITUDE, QUALITY=field or bus, REPEATS, FIRST, JOBS; GATE=274: cases at random, of these KIND=effect)
 	$(BIN)/python -m bench.attribution $(if $(CASES),--cases $(CASES)) $(if $(VEHICLE),--vehicle $(VEHICLE)) $(if $(MAGNITUDE),--magnitude $(MAGNITUDE)) $(if $(QUALITY),--quality $(QUALITY)) $(if $(REPEATS),--repeats $(REPEATS)) $(if $(FIRST),--first $(FIRST)) $(if $(GATE),--gate $(GATE)) $(if $(KIND),--kind $(KIND)) $(if $(JOBS),--jobs $(JOBS))
 
-attribution-docs: $(VENV)/dev.stamp ## renew tables and figures of docs/attribution-tables.md from results/attribution
+attribution-docs: $(VENV)/dev.stamp ## renew tables and figures of docs/tables/attribution.md from results/attribution
 	$(BIN)/python -m bench.attribution.renew results/attribution$(if $(QUALITY),-$(QUALITY))/attribution.json
 
 foreign: $(VENV)/dev.stamp ## trace twelve cases of a second plant, which shares no code with the first, and score them (hours; CASES="a h", JOBS)
 	$(BIN)/python -m bench.foreign $(if $(CASES),--cases $(CASES)) $(if $(JOBS),--jobs $(JOBS))
 
-sensitivity: $(VENV)/dev.stamp ## trace some of them with each number of the criteria halved and doubled (half an hour; CASES, NUMBERS, FIRST, QUALITY; it continues where it stopped; PAGE=1: tables into docs/attribution-tables.md)
+sensitivity: $(VENV)/dev.stamp ## trace some of them with each number of the criteria halved and doubled (half an hour; CASES, NUMBERS, FIRST, QUALITY; it continues where it stopped; PAGE=1: tables into docs/tables/attribution.md)
 	$(BIN)/python -m bench.attribution.sensitivity$(if $(PAGE), --page) $(if $(CASES),--cases $(CASES)) $(if $(NUMBERS),--numbers $(NUMBERS)) $(if $(FIRST),--first $(FIRST)) $(if $(QUALITY),--quality $(QUALITY))
 
 check-proof: $(VENV)/dev.stamp ## plant faults in recordings and count what harness check names and mends (SEEDS=1000:1010, FOREIGN=1000:1050)

@@ -4,7 +4,7 @@ Works without a network. Every pin of the lock files must be installed in its ve
 recorded it; every requirement of what is pinned must be pinned; every licence must be one of ``ALLOWED``.
 ``--advisories FOLDER`` takes a copy of the PyPA advisory database (files of the OSV format) and names the pins that it
 warns of.
-``--page`` renews the list of licences in docs/reliability.md.
+``--page`` renews the list of licences in docs/tables/licences.md.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ LOCKS = {
     "requirements-dev.lock": "its extras `mdf`, `cluster` and `remote`, tests and checks, besides",
     "requirements-docs.lock": "the site and the notebooks, besides",
 }
-PAGE, BEGIN, END = ROOT / "docs" / "reliability.md", "<!-- licences -->\n", "<!-- end of licences -->\n"
+PAGE, BEGIN, END = ROOT / "docs" / "tables" / "licences.md", "<!-- licences -->\n", "<!-- end of licences -->\n"
 
 ALLOWED = {
     "0BSD", "Apache-2.0", "BSD-2-Clause", "BSD-3-Clause", "BSD", "CC0-1.0", "ISC", "LGPL-3.0-or-later", "MIT-0",
@@ -202,7 +202,7 @@ def main(arguments: Sequence[str]) -> int:
     """Say what is wrong; 1 if anything is."""
     parser = Parser(prog="python -m bench.supply", description="Audit the locks, without a network.")
     parser.add_argument("--advisories", type=Path, help="copy of the PyPA advisory database, or of a part of it")
-    parser.add_argument("--page", action="store_true", help="renew the list of licences in docs/reliability.md")
+    parser.add_argument("--page", action="store_true", help="renew the list of licences in docs/tables/licences.md")
     given = parser.parse_args(arguments)
     found: dict[str, None] = {}
     every: dict[str, str] = {}

@@ -1,8 +1,8 @@
 """Compare every number that the five documents publish with ours: ``python -m reproductions.reproduce``.
 
 ``make reproduce`` computes what takes seconds, reads the rest from the stored results of the long commands, and renews
-``docs/reproduction.md``, ``reproduction.json`` and the report as HTML and PDF. A result that is missing, or older than
-the code that decides it, is said to be so.
+``docs/tables/reproduction.md``, ``reproduction.json`` and the report as HTML and PDF. A result that is missing, or
+older than the code that decides it, is said to be so.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ CHAPTERS: dict[str, Any] = {
 }
 """The documents, in the order of the page."""
 
-PAGE = Path("docs/reproduction.md")
+PAGE = Path("docs/tables/reproduction.md")
 BEGIN, END = "<!-- written by make reproduce -->", "<!-- end -->"
 WHOLE = "reproductions.reproduce"
 

@@ -1,4 +1,4 @@
-"""Renew tables and figures of ``docs/attribution-tables.md`` from the results of the proof.
+"""Renew tables and figures of ``docs/tables/attribution.md`` from the results of the proof.
 
 ``python -m bench.attribution.renew results/attribution/attribution.json``; ``make attribution-docs`` does it.
 """
@@ -18,7 +18,7 @@ from harness.common.arguments import Parser
 from harness.common.errors import UserError
 from harness.common.files import renewed, write_files
 
-PAGE = Path(__file__).parents[2] / "docs" / "attribution-tables.md"
+PAGE = Path(__file__).parents[2] / "docs" / "tables" / "attribution.md"
 FIGURES = "attribution"
 """Folder of the figures, beside the page."""
 MARKS = {

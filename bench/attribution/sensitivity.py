@@ -3,7 +3,7 @@
 ``python -m bench.attribution.sensitivity`` traces the cases once as stated and once with each change
 (``bench.attribution.changed_criteria``), scores every trace by the numbers as stated, and writes a line of each to
 ``sensitivity.jsonl``; it continues where it stopped, and what other code has traced is traced anew. ``sensitivity.md``
-holds the tables; ``--page`` puts them into ``docs/attribution-tables.md``.
+holds the tables; ``--page`` puts them into ``docs/tables/attribution.md``.
 """
 
 from __future__ import annotations

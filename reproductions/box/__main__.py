@@ -28,7 +28,7 @@ from reproductions.box.evidence import told
 from reproductions.box.points import Folder, sequence
 from reproductions.campaign import box
 
-PAGE = Path("docs/unpublished.md")
+PAGE = Path("docs/tables/unpublished.md")
 BEGIN, END = "<!-- written by make reproduce-box -->", "<!-- end -->"
 
 LEAST = 32

@@ -1,6 +1,6 @@
 """The point nearest to the dissertation, told with its factors as printed and with a network that was trained there.
 
-``python -m reproductions.box.nearest --out results/reproduce-nearest --page docs/unpublished.md`` runs the
+``python -m reproductions.box.nearest --out results/reproduce-nearest --page docs/tables/unpublished.md`` runs the
 studies of chapter 5 at the point of ``reproductions/campaign/box.json`` twice, with the network that comes with the
 project and with ``semitrailer_24t_nearest``, and writes report and page. The point is kept as the set
 ``ziaukas_2023_nearest`` and the drives ``nearest``.
@@ -167,7 +167,7 @@ def _arguments() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m reproductions.box.nearest", description="Which findings hold at the nearest point?")
     parser.add_argument("--out", type=Path, required=True, help="folder to write to")
     parser.add_argument("--network", default=TRAINED, help="network trained at the point: a name or an .npz file")
-    parser.add_argument("--page", type=Path, help="page to renew between its marks, such as docs/unpublished.md")
+    parser.add_argument("--page", type=Path, help="page to renew between its marks, such as docs/tables/unpublished.md")
     parser.add_argument("--jobs", type=int, default=joblib.cpu_count(), help="threads")
     return parser
 

@@ -1,4 +1,4 @@
-"""The table as Markdown: the part of ``docs/reproduction.md`` between its marks."""
+"""The table as Markdown: the part of ``docs/tables/reproduction.md`` between its marks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The audit of the locks: licences, wholeness, advisories, and the list in docs/reliability.md."""
+"""The audit of the locks: licences, wholeness, advisories, and the list in docs/tables/licences.md."""
 
 import base64
 import hashlib

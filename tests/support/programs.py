@@ -128,7 +128,7 @@ TARGETS: dict[str, Small | Begun | By | Shown] = {
 MODULES: dict[str, Small | Begun | By] = {
     "harness": Small("list studies", r"(?m)^mass ", quick=True),
     "harness.cli.main": Small("--version", r"harness (\d+\.\d+)", quick=True),
-    "harness.cli.drive_tables": By("cli/test_drive_tables.py::test_the_documentation_is_what_the_command_prints"),
+    "harness.cli.drive_tables": By("cli/test_drive_tables.py::test_the_command_prints_the_peaks_of_every_drive"),
     "reproductions.identify_measured": By("reproductions/test_measured_car.py::test_a_recorded_car_is_identified"),
     "reproductions.narx_training": Small(
         "--out n.npz --neurons 2 --epochs 1 --iterations 1 --polish 1 --restarts 1 --jobs 1",
