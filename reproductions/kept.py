@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.common.errors import UserError
-from harness.common.files import told_as_damaged, write_files
+from harness.common.files import refuse_damaged, write_files
 
 _STATE = "state"
 
@@ -50,7 +50,7 @@ class Parts:
         path = self._file(name)
         if not path.is_file():
             return None
-        with told_as_damaged(path, "part of a result", "delete it, it is computed again"):
+        with refuse_damaged(path, "part of a result", "delete it, it is computed again"):
             with np.load(path, allow_pickle=False) as kept:
                 content = {key: kept[key] for key in kept.files}
             made = str(content.pop(_STATE))

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from harness.common import places, sources
 from harness.common.errors import UserError
-from harness.common.files import told_as_damaged
+from harness.common.files import refuse_damaged
 from harness.models.roles import DRIVES, PARAMETERS, SENSORS, TYRES, VEHICLES
 from harness.simulation.drives import read_drives
 from harness.study.provenance import commit
@@ -146,7 +146,7 @@ def load(folder: Path, name: str) -> tuple[dict[str, NDArray[Any]], dict[str, st
     path = folder / LONG[name].file
     if not path.is_file():
         raise UserError(f"{path}: there is no such result; make it with '{LONG[name].command}'")
-    with told_as_damaged(path, "result", f"make it again with '{LONG[name].command}'"):
+    with refuse_damaged(path, "result", f"make it again with '{LONG[name].command}'"):
         with np.load(path, allow_pickle=False) as kept:
             arrays = {key: kept[key] for key in kept.files}
         stamp = arrays.pop(STAMP, None)

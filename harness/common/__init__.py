@@ -1,1 +1,1 @@
-"""What every part may use: errors, files, units, statistics, and the folders that are registries."""
+"""Errors, files, units, statistics and registries of components, for all packages."""

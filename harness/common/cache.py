@@ -1,4 +1,4 @@
-"""What takes longer to make than to read: kept in a folder from one process to the next, as compiled kernels are.
+"""Cache on disk, from one process to the next, of values that take longer to make than to read.
 
 Nothing depends on it. Whatever cannot be read whole is made again, and a folder that cannot be written keeps nothing.
 """
@@ -8,14 +8,44 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
+import io
+import json
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from harness.common import places
 from harness.common.errors import UserError
 
 _SIZE = hashlib.sha256().digest_size
+_Value = TypeVar("_Value")
+
+
+class Codec(NamedTuple, Generic[_Value]):
+    """Conversion of a kind of value to bytes and back."""
+
+    encode: Callable[[_Value], bytes]
+    decode: Callable[[bytes], _Value]
+
+
+def _array_bytes(values: Any) -> bytes:
+    import numpy as np  # not where help is shown
+
+    stream = io.BytesIO()
+    np.save(stream, values, allow_pickle=False)
+    return stream.getvalue()
+
+
+def _array(content: bytes) -> Any:
+    import numpy as np
+
+    return np.load(io.BytesIO(content), allow_pickle=False)
+
+
+TEXT = Codec[str](str.encode, bytes.decode)
+JSON = Codec[Any](lambda value: json.dumps(value).encode(), json.loads)
+ARRAY = Codec[Any](_array_bytes, _array)
 
 
 def cache_folder() -> Path:
@@ -44,37 +74,37 @@ def _refuse_others(folder: str, name: str) -> None:
     within = (os.path.join(at, file) for at, folders, files in os.walk(folder) for file in (*folders, *files))
     for path in (folder, *within):
         try:
-            found = os.stat(path)
+            status = os.stat(path)
         except OSError:  # gone meanwhile, or none yet
             continue
-        if found.st_uid not in (os.geteuid(), 0):
+        if status.st_uid not in (os.geteuid(), 0):
             raise UserError(
                 f"{path}: belongs to another user, and what the cache of compiled kernels holds is run; set {name} to "
                 "a folder of your own (docs/cluster.md)"
             )
-        if found.st_mode & 0o022:
+        if status.st_mode & 0o022:
             raise UserError(
                 f"{path}: others may write to it, and what the cache of compiled kernels holds is run; if nobody has, "
                 f"close it: 'chmod 700 {folder}', or set {name} to a folder of your own (docs/cluster.md)"
             )
-        if path == folder and not found.st_mode & 0o077:
+        if path == folder and not status.st_mode & 0o077:
             return
 
 
-def kept(kind: str, key: str, make: Callable[[], bytes]) -> bytes:
-    """Return what is kept under a key, made if it is not there or damaged.
+def kept(kind: str, key: str, make: Callable[[], _Value], codec: Codec[_Value]) -> _Value:
+    """Return the value kept under a key, made if it is not there or damaged.
 
     Args:
         kind: Folder within the cache.
-        key: Everything that the content depends on.
-        make: Makes the content.
+        key: Everything that the value depends on.
+        make: Makes the value.
+        codec: Of the value; it is returned as decoded, whether it was made now or before.
     """
     path = cache_folder() / kind / hashlib.sha256(key.encode()).hexdigest()[:32]
-    found = places.contents(path.parent, [path.name])[0] or b""
-    content = found[_SIZE:]
-    if found[:_SIZE] == hashlib.sha256(content).digest():
-        return content
-    content = make()
-    with contextlib.suppress(OSError):
-        places.write(path, hashlib.sha256(content).digest() + content)
-    return content
+    stored = places.contents(path.parent, [path.name])[0] or b""
+    content = stored[_SIZE:]
+    if stored[:_SIZE] != hashlib.sha256(content).digest():
+        content = codec.encode(make())
+        with contextlib.suppress(OSError):
+            places.write(path, hashlib.sha256(content).digest() + content)
+    return codec.decode(content)

@@ -81,18 +81,18 @@ class Component:
         if (self.home, self.attribute) in _loaded:
             return _loaded[self.home, self.attribute]
         try:
-            found: Any = importlib.import_module(self.home)
+            imported: Any = importlib.import_module(self.home)
             for part in filter(None, self.attribute.split(".")):
-                found = getattr(found, part)
+                imported = getattr(imported, part)
         except Exception as error:
             raise ModelError(
                 f"{self.place}: cannot be imported: {type(error).__name__}: {error}{_at(error)}"
             ) from error
-        if not isinstance(found, ModuleType):
-            found = _as_module(self.name, found)
-        _loaded[self.home, self.attribute] = found
-        _note(found, self)
-        return found
+        if not isinstance(imported, ModuleType):
+            imported = _as_module(self.name, imported)
+        _loaded[self.home, self.attribute] = imported
+        _note(imported, self)
+        return imported
 
 
 _registered: dict[tuple[str, str], Component] = {}
@@ -115,8 +115,8 @@ def outside_packages() -> frozenset[str]:
 
 def name_of(module: ModuleType) -> str:
     """Return the name that a component is found by; the stem of any other module."""
-    found = _names.get(id(module))
-    return module.__name__.rpartition(".")[2] if found is None else found[1].name
+    named = _names.get(id(module))
+    return module.__name__.rpartition(".")[2] if named is None else named[1].name
 
 
 def is_component(module: ModuleType) -> bool:
@@ -126,8 +126,8 @@ def is_component(module: ModuleType) -> bool:
 
 def place_of(module: ModuleType) -> str:
     """Return where a component stands, for messages."""
-    found = _names.get(id(module))
-    return found[1].place if found is not None else getattr(module, "__file__", None) or module.__name__
+    named = _names.get(id(module))
+    return named[1].place if named is not None else getattr(module, "__file__", None) or module.__name__
 
 
 def remembered(function: _Remembered) -> _Remembered:
@@ -213,7 +213,7 @@ def registered() -> tuple[tuple[str, str], ...]:
 
 @dataclass(frozen=True)
 class Carried:
-    """What another process needs to find the same components, files that it sees as well.
+    """Components and settings that another process takes over, by files that it sees as well.
 
     Attributes:
         project: Project folder in force.
@@ -227,26 +227,26 @@ class Carried:
 
 
 def carried() -> Carried:
-    """Return what this process finds beside the harness and installed packages; an object without a file stays."""
+    """Return the project and what was registered in this process; an object without a file stays behind."""
     root = locations.project()
     files = {key: c.path.resolve() for key, c in _registered.items() if c.path is not None}
     return Carried(None if root is None else root.resolve(), files, LIMITED[0])
 
 
-def take_over(found: Carried) -> None:
+def take_over(other: Carried) -> None:
     """Let this process find what another one finds.
 
     Raises:
         UserError: If it does not see the project or a file.
         ModelError: If a file cannot be imported.
     """
-    if found.project is not None and not (found.project / locations.MARK).is_file():
-        raise UserError(f"there is no project folder {found.project}")
-    LIMITED[0] = found.limited
-    locations.use_project(found.project)
-    for role, name in [key for key in _registered if key not in found.files]:
+    if other.project is not None and not (other.project / locations.MARK).is_file():
+        raise UserError(f"there is no project folder {other.project}")
+    LIMITED[0] = other.limited
+    locations.use_project(other.project)
+    for role, name in [key for key in _registered if key not in other.files]:
         unregister(role, name)
-    for (role, name), path in found.files.items():
+    for (role, name), path in other.files.items():
         there = _registered.get((role, name))
         if there is None or there.path != path:
             register(role, path, name)
@@ -298,15 +298,15 @@ def find(word: str, package: ModuleType) -> dict[str, Component]:
         ModelError: If two places claim one name.
     """
     generation()
-    found: dict[str, Component] = {}
+    by_name: dict[str, Component] = {}
     for component in (*_in_folder(package.__path__, package.__name__, OURS), *_from_outside(word)):
-        first = found.setdefault(component.name, component)
+        first = by_name.setdefault(component.name, component)
         if first is not component and not _same_file(first, component):
             raise ModelError(
                 f"two of the {word} are called '{component.name}': {first.place} ({first.origin}) and "
                 f"{component.place} ({component.origin}); rename one of the two"
             )
-    return dict(sorted(found.items()))
+    return dict(sorted(by_name.items()))
 
 
 def _from_outside(word: str) -> Iterator[Component]:
@@ -330,11 +330,11 @@ def _in_folder(folders: Iterable[str], package: str, origin: str) -> Iterator[Co
         except OSError:
             continue
         if key not in _listed or _listed[key][0] != changed:
-            found = tuple(_read_folder(*key))
+            components = tuple(_read_folder(*key))
             if not _shows_changes(folder, changed):
-                yield from found
+                yield from components
                 continue
-            _listed[key] = changed, found
+            _listed[key] = changed, components
         yield from _listed[key][1]
 
 
@@ -360,14 +360,14 @@ def _installed() -> dict[str, tuple[Component, ...]]:
     from importlib.metadata import distributions, entry_points  # which bring the package email with them
 
     groups = {p.group for d in distributions() for p in d.entry_points if p.group.startswith("harness.")}
-    found = dict[str, tuple[Component, ...]]()
+    by_role = dict[str, tuple[Component, ...]]()
     for group in groups:
         components = []
         for point in entry_points(group=group):
             by = f"package {point.dist.name} {point.dist.version}" if point.dist is not None else "an installed package"
             components.append(Component(point.name, by, point.module, None, point.attr or ""))
-        found[group.partition(".")[2]] = tuple(components)
-    return found
+        by_role[group.partition(".")[2]] = tuple(components)
+    return by_role
 
 
 def file_of(component: Component) -> Path | None:
@@ -381,10 +381,10 @@ def file_of(component: Component) -> Path | None:
     return Path(spec.origin) if spec is not None and spec.has_location and spec.origin else None
 
 
-def _same_file(one: Component, other: Component) -> bool:
-    paths = file_of(one), file_of(other)
+def _same_file(first: Component, second: Component) -> bool:
+    paths = file_of(first), file_of(second)
     return paths[0] is not None and paths[1] is not None and paths[0].resolve() == paths[1].resolve() and (
-        one.attribute == other.attribute
+        first.attribute == second.attribute
     )  # fmt: skip
 
 

@@ -140,8 +140,8 @@ def read_text(path: Path) -> str:
             raise UserError(f"{path}: is larger than {LARGEST_TEXT / 2**20:g} MiB, which no text file of a study is")
         return content.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except FileNotFoundError:
-        beside = sorted(p.name for p in path.parent.glob(f"*{path.suffix}")) if path.parent.is_dir() else []
-        raise MissingFileError(f"{path}: there is no such file{closest(path.name, beside)}") from None
+        names = sorted(p.name for p in path.parent.glob(f"*{path.suffix}")) if path.parent.is_dir() else []
+        raise MissingFileError(f"{path}: there is no such file{closest(path.name, names)}") from None
     except UnicodeDecodeError as error:
         what = wide_text(error.object) or f"not UTF-8 text (byte {error.start})"
         raise UserError(f"{path}: is {what}; save the file as UTF-8") from None
@@ -169,7 +169,7 @@ def wide_text(head: bytes) -> str:
 
 
 @contextmanager
-def told_as_damaged(path: str | Path, what: str, remedy: str = "export it again") -> Iterator[None]:
+def refuse_damaged(path: str | Path, what: str, remedy: str = "export it again") -> Iterator[None]:
     """Refuse a file that the library of its format cannot read, whatever that library raises then.
 
     Libraries check a file by reading it: damaged bytes end in errors of every kind, which are the file's fault.
@@ -220,8 +220,8 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
     """
     if (keys := text.count("=") + text.count("\n[")) > _MOST_KEYS:  # before tomllib takes a kilobyte for each
         raise UserError(f"{where}: has {keys:,} keys and tables, at most {_MOST_KEYS:,} are read; divide it")
-    if found := _TOO_DEEP.search(text):
-        line = text.count("\n", 0, found.start()) + 1
+    if match := _TOO_DEEP.search(text):
+        line = text.count("\n", 0, match.start()) + 1
         raise UserError(f"{where}: line {line}: a key has more than {_DEEPEST} parts; no table here is so deep")
     try:
         content = tomllib.loads(text)

@@ -1,4 +1,4 @@
-"""What was computed and used last, kept to be used again; threads may share it."""
+"""Cache in memory of the values used last; threads may share it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class LastUsed(Generic[_Value]):
     def __len__(self) -> int:
         return len(self._values)
 
-    def of(self, keys: Sequence[Hashable]) -> list[_Value | None]:
+    def get(self, keys: Sequence[Hashable]) -> list[_Value | None]:
         """Return the values of some keys, ``None`` where there is none."""
         with self._lock:
             return [self._values.get(key) for key in keys]

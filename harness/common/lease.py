@@ -44,8 +44,8 @@ class Lease:
     def __init__(self, file: Path, words: str, say: Callable[[str], None]) -> None:
         self._file, self._words, self._token = file, words, uuid.uuid4().hex
         self._lost, self._beats, self._ended = "", 0, threading.Event()
-        if (found := _content(file)) is not None:
-            self._take_over(found, say)
+        if (content := _content(file)) is not None:
+            self._take_over(content, say)
         if not places.created(file, self._content()):
             raise self._held(_content(file))
         self._thread = threading.Thread(target=self._renew, daemon=True, name="lease")
@@ -71,9 +71,9 @@ class Lease:
             if _token(_content(self._file)) == self._token:
                 self._file.unlink(missing_ok=True)
 
-    def _take_over(self, found: bytes, say: Callable[[str], None]) -> None:
+    def _take_over(self, content: bytes, say: Callable[[str], None]) -> None:
         """Watch a lock that was found, and delete it if nobody renews it."""
-        who = _said(found)
+        who = _said(content)
         say(f"{self._file.parent} is held: {who}; watching for up to {WATCHED:.0f} s whether that is still at work")
         until = time.monotonic() + WATCHED
         while time.monotonic() < until:
@@ -81,7 +81,7 @@ class Lease:
             now = _content(self._file)
             if now is None:
                 return
-            if now != found:
+            if now != content:
                 raise self._held(now)
         say("it is not: the folder is taken over")
         self._file.unlink(missing_ok=True)
@@ -95,9 +95,9 @@ class Lease:
     def _renew(self) -> None:
         while not self._ended.wait(RENEWED):
             with contextlib.suppress(Exception):  # out of reach for a moment: tried again
-                found = _content(self._file)
-                if found is not None and _token(found) != self._token:
-                    self._lost = _said(found)
+                content = _content(self._file)
+                if content is not None and _token(content) != self._token:
+                    self._lost = _said(content)
                     return
                 self._beats += 1
                 places.write(self._file, self._content())
@@ -109,11 +109,11 @@ class Lease:
 @contextlib.contextmanager
 def leased(file: Path, words: str, say: Callable[[str], None]) -> Iterator[Lease]:
     """Hold a lock behind a URL while the block runs; see ``Lease``."""
-    found = Lease(file, words, say)
+    lease = Lease(file, words, say)
     try:
-        yield found
+        yield lease
     finally:
-        found.end()
+        lease.end()
 
 
 def holder(file: Path) -> str | None:

@@ -1,4 +1,4 @@
-"""Where files are found by a bare name: in the user's project folder first, then in the package.
+"""Lookup of files by a bare name, in the user's project folder first, then in the package.
 
 A *project folder* holds a file ``harness.toml``; the nearest one upwards from the working directory is in force. It has
 a folder for each kind of file:
@@ -95,52 +95,52 @@ def project_name(folder: Path) -> str:
     return name
 
 
-def folders(kind: Kind, beside: Path | None = None) -> list[Path]:
+def folders(kind: Kind, nearest: Path | None = None) -> list[Path]:
     """Return the folders in which files of a kind are found by name, the first that has it wins.
 
     Args:
         kind: The kind.
-        beside: Folder that comes first unless it is the package's own, such as that of the file that names it.
+        nearest: Folder that comes first unless it is the package's own, such as that of the file that names it.
     """
     root = project()
     further = [] if root is None else [root / kind.in_project]
-    if beside is not None and _same(beside, kind.in_package):
-        return [*further, beside]
-    return [*([] if beside is None else [beside]), *further, kind.in_package]
+    if nearest is not None and _same(nearest, kind.in_package):
+        return [*further, nearest]
+    return [*([] if nearest is None else [nearest]), *further, kind.in_package]
 
 
-def files(kind: Kind, beside: Path | None = None) -> dict[str, Path]:
+def files(kind: Kind, nearest: Path | None = None) -> dict[str, Path]:
     """Return every file of a kind by its name."""
-    found: dict[str, Path] = {}
-    for folder in reversed(folders(kind, beside)):
-        found |= {p.stem: p for p in sorted(folder.glob(f"*{kind.suffix}"))}
-    return dict(sorted(found.items()))
+    by_name: dict[str, Path] = {}
+    for folder in reversed(folders(kind, nearest)):
+        by_name |= {p.stem: p for p in sorted(folder.glob(f"*{kind.suffix}"))}
+    return dict(sorted(by_name.items()))
 
 
-def find(kind: Kind, name: str, beside: Path | None = None) -> Path:
+def find(kind: Kind, name: str, nearest: Path | None = None) -> Path:
     """Return the file of a name; say once, on stderr, where it takes the place of one of the package.
 
     Args:
         kind: Which kind.
         name: Stem of the file.
-        beside: As in ``folders``.
+        nearest: As in ``folders``.
 
     Raises:
         UserError: If there is none, with the closest names and where they were looked for.
     """
-    there = folders(kind, beside)
+    there = folders(kind, nearest)
     candidates = [folder / f"{name}{kind.suffix}" for folder in there]
-    found = next((path for path in candidates if path.is_file()), None) if Path(name).name == name else None
-    if found is None:
-        near = closest(name, list(files(kind, beside)))
+    file = next((path for path in candidates if path.is_file()), None) if Path(name).name == name else None
+    if file is None:
+        near = closest(name, list(files(kind, nearest)))
         where = ", ".join(map(shown, there))
         raise MissingFileError(f"there is no {kind.what} '{name}'{near} (looked in {where})")
-    root, ours = project(), kind.in_package / found.name
-    theirs = root is not None and found.parent == root / kind.in_project
-    if theirs and ours.is_file() and not _same(found, ours) and found not in _said:
-        _said.add(found)
-        print(f"note: {kind.what} '{name}' is that of {shown(found)}, in place of the package's", file=sys.stderr)
-    return found
+    root, ours = project(), kind.in_package / file.name
+    theirs = root is not None and file.parent == root / kind.in_project
+    if theirs and ours.is_file() and not _same(file, ours) and file not in _said:
+        _said.add(file)
+        print(f"note: {kind.what} '{name}' is that of {shown(file)}, in place of the package's", file=sys.stderr)
+    return file
 
 
 def shown(path: Path) -> str:
@@ -151,5 +151,5 @@ def shown(path: Path) -> str:
         return str(path)
 
 
-def _same(one: Path, other: Path) -> bool:
-    return one.resolve() == other.resolve()
+def _same(first: Path, second: Path) -> bool:
+    return first.resolve() == second.resolve()

@@ -1,4 +1,4 @@
-"""Where results lie: a folder of a file system, or one behind a URL such as ``s3://bucket/results/joint``.
+"""Folders of results in a file system or behind a URL such as ``s3://bucket/results/joint``.
 
 A folder behind a URL is a path of universal_pathlib, which does what pathlib does over any file system of fsspec, so
 one code reads and writes both. What differs is here: what is whole or not at all (a file system moves a finished file
@@ -43,10 +43,10 @@ def place(given: str | Path) -> Path:
         return given
     if not given.strip():  # a variable of a script that is not set
         raise UserError("the path is empty; name a folder, '.' for this one")
-    found = _URL.match(given)
-    if found is None:
+    match = _URL.match(given)
+    if match is None:
         return Path(given)
-    scheme = found["scheme"].lower()
+    scheme = match["scheme"].lower()
     if scheme in ("file", "local"):
         host, path = urlsplit(given).netloc, urlsplit(given).path
         if not path or host not in ("", "localhost"):
@@ -111,12 +111,12 @@ def refuse_links(folder: Path, names: Iterable[str]) -> None:
 def times(folder: Path) -> dict[str, float]:
     """Return when each file below a folder was last written, by its name within; nothing where there is no folder."""
     if not is_url(folder):
-        found = {}
+        times = {}
         for path in folder.rglob("*"):
             with contextlib.suppress(FileNotFoundError):  # renamed meanwhile
                 if path.is_file():
-                    found[path.relative_to(folder).as_posix()] = path.stat().st_mtime
-        return dict(sorted(found.items()))
+                    times[path.relative_to(folder).as_posix()] = path.stat().st_mtime
+        return dict(sorted(times.items()))
     listed = _remote(folder).find(_within(folder), detail=True)
     skip = len(_within(folder).rstrip("/")) + 1
     return {name[skip:]: _time(about) for name, about in sorted(listed.items())}
@@ -128,8 +128,8 @@ def time_of(file: Path) -> float:
 
 
 def _time(about: dict[str, Any]) -> float:
-    found = next((about[key] for key in ("LastModified", "mtime", "modified", "updated", "created") if key in about), 0)
-    return float(found.timestamp() if hasattr(found, "timestamp") else found)
+    stamp = next((about[key] for key in ("LastModified", "mtime", "modified", "updated", "created") if key in about), 0)
+    return float(stamp.timestamp() if hasattr(stamp, "timestamp") else stamp)
 
 
 def names(folder: Path) -> list[str]:
@@ -147,11 +147,11 @@ def contents(folder: Path, wanted: Sequence[str]) -> list[bytes | None]:
         refuse_links(folder.parent, (f"{folder.name}/{name}" for name in wanted))
         return [_content(f"{folder}/{name}") for name in wanted]
     paths = [f"{_within(folder)}/{name}" for name in wanted]
-    found = _remote(folder).cat_ranges(paths, None, None, on_error="return") if paths else []
-    for error in found:
+    replies = _remote(folder).cat_ranges(paths, None, None, on_error="return") if paths else []
+    for error in replies:
         if isinstance(error, Exception) and not isinstance(error, _ABSENT):
             raise error
-    return [None if isinstance(content, Exception) else content for content in found]
+    return [None if isinstance(content, Exception) else content for content in replies]
 
 
 def _content(file: str) -> bytes | None:

@@ -1,4 +1,4 @@
-"""How a command's process is set up, and what the operating system counts of it, where it does; Windows does not."""
+"""Set-up of a command's process, and its counters from the operating system, where there are any."""
 
 from __future__ import annotations
 

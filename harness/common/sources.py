@@ -17,7 +17,6 @@ import functools
 import hashlib
 import importlib.util
 import inspect
-import json
 import sys
 import sysconfig
 from collections.abc import Collection, Iterable, Iterator, Sequence
@@ -26,7 +25,7 @@ from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 
 from harness.common import components
-from harness.common.cache import kept
+from harness.common.cache import JSON, kept
 
 _PROJECT = frozenset({__name__.partition(".")[0]})
 _STANDARD = tuple(Path(sysconfig.get_path(key)).resolve() for key in ("stdlib", "platstdlib"))
@@ -76,16 +75,16 @@ def modules(roots: Iterable[ModuleType], without: Collection[str] = ()) -> list[
     """
     names = [m.__name__ for m in roots]
     inside = _PROJECT | {name.partition(".")[0] for name in names}
-    found: dict[str, None] = {}
+    ordered: dict[str, None] = {}
     # the last in is the first out, so that each is followed by what it imports
     waiting = list(reversed(names))
     while waiting:
         name = waiting.pop()
-        if name not in found and not _lies_in(name, without):
-            found[name] = None
+        if name not in ordered and not _lies_in(name, without):
+            ordered[name] = None
             homes = [home for _, home, _ in _resolved(name, inside)]
             waiting += [home for home in reversed(homes) if _is_own(home, inside)]
-    return list(found)
+    return list(ordered)
 
 
 def digest(roots: Sequence[ModuleType], without: Collection[str] = ()) -> str:
@@ -150,15 +149,15 @@ def _digest(names: tuple[str, ...], without: tuple[str, ...]) -> str:
     places = {name: str(place) for place, name in enumerate(modules((sys.modules[n] for n in names), without))}
     total = hashlib.sha256()
     for name in places:
-        imports = [(known, places.get(home, home), attribute) for known, home, attribute in _resolved(name, inside)]
+        imports = [(local, places.get(home, home), attribute) for local, home, attribute in _resolved(name, inside)]
         total.update(f"{imports}\n{_read(name).text}\n".encode())
     return total.hexdigest()
 
 
 def _resolved(name: str, inside: frozenset[str]) -> list[tuple[str, str, str]]:
     """Return what a module imports as (name there, home, name at home), sorted, from the modules that define it."""
-    found = {(i.name, *_definition(i.home, i.attribute, inside)) for i in _read(name).imports}
-    return sorted(found, key=lambda entry: (entry[0], entry[2]))
+    definitions = {(i.name, *_definition(i.home, i.attribute, inside)) for i in _read(name).imports}
+    return sorted(definitions, key=lambda entry: (entry[0], entry[2]))
 
 
 def _definition(home: str, attribute: str, inside: frozenset[str]) -> tuple[str, str]:
@@ -217,14 +216,9 @@ def _read(name: str) -> _File:
     assert path is not None
     source = path.read_text(encoding="utf-8")
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
-    found = json.loads(
-        kept(
-            "sources",
-            f"{sys.version} {package}\n{source}",
-            lambda: json.dumps(astuple(_parsed(source, package))).encode(),
-        )
-    )
-    return _File(tuple(_Import(*each) for each in found[0]), found[1])
+    key = f"{sys.version} {package}\n{source}"
+    imports, text = kept("sources", key, lambda: astuple(_parsed(source, package)), JSON)
+    return _File(tuple(_Import(*each) for each in imports), text)
 
 
 def _parsed(source: str, package: str) -> _File:

@@ -1,4 +1,4 @@
-"""What a command is doing while it takes its time: a spinner on a terminal, lines elsewhere."""
+"""Progress of a command in stages: a spinner on a terminal, lines elsewhere."""
 
 from __future__ import annotations
 

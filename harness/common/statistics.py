@@ -62,7 +62,7 @@ class Summary:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class PairedComparison:
     """A paired comparison of positive errors; a ratio below one where the second estimator has the smaller error.
 
     Attributes:
@@ -159,8 +159,7 @@ def median_interval(
         return _interval_of_large_sample(data[order], sizes, level)
     draws = min(resamples, max(400, _LARGEST_DRAW // data.size))
     medians = np.median(data[order][_resampled_indices(sizes, draws, seed)], axis=1)
-    tail = (1.0 - level) / 2.0
-    return Interval(*_numbers([np.median(data), *np.quantile(medians, [tail, 1.0 - tail])]))
+    return Interval(*_numbers([np.median(data), *_percentiles(medians, level)]))
 
 
 def _interval_of_large_sample(data: Floats, sizes: tuple[int, ...], level: float) -> Interval:
@@ -203,7 +202,7 @@ def summarise(values: ArrayLike, strata: ArrayLike | None = None, *, seed: int =
     return Summary(data.size, median, lower, upper, minimum, maximum)
 
 
-def compare(first: ArrayLike, second: ArrayLike, strata: ArrayLike | None = None, *, seed: int = 0) -> Comparison:
+def compare(first: ArrayLike, second: ArrayLike, strata: ArrayLike | None = None, *, seed: int = 0) -> PairedComparison:
     """Compare two estimators run by run.
 
     Args:
@@ -217,14 +216,14 @@ def compare(first: ArrayLike, second: ArrayLike, strata: ArrayLike | None = None
         logs = _values(np.log(ratio))
     interval = median_interval(ratio, strata, seed=seed)
     if logs.size == 0:
-        return Comparison(0, interval, 0, np.nan)
+        return PairedComparison(0, interval, 0, np.nan)
     wins = int(np.sum(logs < 0.0))
     if not np.any(logs != 0.0):  # the test statistic is undefined; there is no evidence at all
-        return Comparison(logs.size, interval, wins, 1.0)
+        return PairedComparison(logs.size, interval, wins, 1.0)
     from scipy.stats import wilcoxon  # takes longer to import than a report of one estimator to write
 
     result: Any = wilcoxon(logs)
-    return Comparison(logs.size, interval, wins, float(result.pvalue))
+    return PairedComparison(logs.size, interval, wins, float(result.pvalue))
 
 
 def median_ratio(
@@ -257,14 +256,27 @@ def median_ratio(
     used = np.isfinite(pair[0]).any(axis=1)
     if not used.any():
         return Interval(np.nan, np.nan, np.nan)
+    pair, drawn = _paired_resamples(pair, used, strata, resamples, seed)
+    medians = [np.nanmedian(values[drawn], axis=(1, 2)) for values in pair]
+    lower, upper = _percentiles(medians[1] / medians[0], level)
+    return Interval(float(np.nanmedian(pair[1]) / np.nanmedian(pair[0])), lower, upper)
+
+
+def _paired_resamples(
+    pair: Floats, used: NDArray[np.bool_], strata: ArrayLike | None, resamples: int, seed: int
+) -> tuple[Floats, NDArray[np.int32]]:
+    """Return the runs used of two samples ``(2, runs, ...)``, and the runs of every resample ``(resamples, runs)``."""
     order, sizes = _by_stratum(strata, used)
     pair = pair[:, used][:, order]
     draws = min(resamples, max(400, _LARGEST_DRAW // pair[0].size))
-    drawn = _resampled_indices(sizes, draws, seed)
-    one, other = (np.nanmedian(values[drawn], axis=(1, 2)) for values in pair)
+    return pair, _resampled_indices(sizes, draws, seed)
+
+
+def _percentiles(drawn: Floats, level: float) -> tuple[float, float]:
+    """Return the ends of the percentile interval of a statistic over its resamples ``(resamples,)``."""
     tail = (1.0 - level) / 2.0
-    lower, upper = np.quantile(other / one, [tail, 1.0 - tail])
-    return Interval(float(np.nanmedian(pair[1]) / np.nanmedian(pair[0])), float(lower), float(upper))
+    lower, upper = np.quantile(drawn, [tail, 1.0 - tail])
+    return float(lower), float(upper)
 
 
 def share_of_squares(
@@ -289,13 +301,10 @@ def share_of_squares(
     used = np.isfinite(pair).all(axis=0)
     if not used.any() or not pair[1, used].any():
         return Interval(np.nan, np.nan, np.nan)
-    order, sizes = _by_stratum(strata, used)
-    pair = pair[:, used][:, order]
-    draws = min(RESAMPLES, max(400, _LARGEST_DRAW // pair[0].size))
-    sums = pair[:, _resampled_indices(sizes, draws, seed)].sum(axis=2)
-    tail = (1.0 - level) / 2.0
-    lower, upper = np.quantile(1.0 - sums[0] / sums[1], [tail, 1.0 - tail])
-    return Interval(float(1.0 - pair[0].sum() / pair[1].sum()), float(lower), float(upper))
+    pair, drawn = _paired_resamples(pair, used, strata, RESAMPLES, seed)
+    sums = pair[:, drawn].sum(axis=2)
+    lower, upper = _percentiles(1.0 - sums[0] / sums[1], level)
+    return Interval(float(1.0 - pair[0].sum() / pair[1].sum()), lower, upper)
 
 
 def holm(p_values: ArrayLike) -> Floats:
@@ -347,8 +356,8 @@ def tail_mean(values: ArrayLike, share: float = 0.05) -> float:
         share: Above 0, at most 1.
     """
     largest = np.sort(np.ravel(np.asarray(values, dtype=float)))[::-1]
-    left = share * largest.size - np.arange(largest.size)
-    weights = np.clip(left, 0.0, 1.0)
+    remaining = share * largest.size - np.arange(largest.size)
+    weights = np.clip(remaining, 0.0, 1.0)
     counted = weights > 0
     return float(np.sum(largest[counted] * weights[counted]) / np.sum(weights))
 

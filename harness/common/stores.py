@@ -50,10 +50,10 @@ class _Plain(WrapperStore[Any]):
 
     async def get(self, key: str, prototype: Any, byte_range: Any = None) -> Any:
         self._look(key)
-        found = await super().get(key, prototype, byte_range)
-        if found is not None and key.endswith("zarr.json"):
-            self._refuse_objects(key, found.to_bytes())
-        return found
+        content = await super().get(key, prototype, byte_range)
+        if content is not None and key.endswith("zarr.json"):
+            self._refuse_objects(key, content.to_bytes())
+        return content
 
     async def get_partial_values(self, prototype: Any, key_ranges: Iterable[tuple[str, Any]]) -> list[Any]:
         asked = list(key_ranges)

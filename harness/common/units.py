@@ -9,13 +9,12 @@ number (pint lets ``rad``, ``%`` and ``1`` convert into each other and makes 6.2
 from __future__ import annotations
 
 import functools
-import json
 import math
 import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from harness.common.cache import cache_folder, kept
+from harness.common.cache import JSON, cache_folder, kept
 from harness.common.errors import UserError
 
 if TYPE_CHECKING:
@@ -148,8 +147,8 @@ def refuse_misread(values: object, where: str) -> None:
         for i, value in enumerate(values):
             refuse_misread(value, f"{where}[{i}]")
     elif isinstance(values, str):
-        found = _SEPARATED.match(_plain_signs(values))
-        if found and not found[4] and (unclear := separators(values)):
+        match = _SEPARATED.match(_plain_signs(values))
+        if match and not match[4] and (unclear := separators(values)):
             raise UserError(f"{where}: {unclear}")
         values = plain_number(values)
     if isinstance(values, float) and not math.isfinite(values):
@@ -160,10 +159,10 @@ def refuse_misread(values: object, where: str) -> None:
 
 def _readings(text: str) -> list[str]:
     """Return what a text that begins with a number with separators may mean; empty if it begins with none."""
-    found = _SEPARATED.match(_plain_signs(text))
-    if found is None:
+    match = _SEPARATED.match(_plain_signs(text))
+    if match is None:
         return []
-    sign, digits, exponent, unit = found.groups()
+    sign, digits, exponent, unit = match.groups()
     if digits.count(".") == sum(not c.isdigit() for c in digits) <= 1:
         return []  # an ordinary number
     *_, last = (c for c in digits if not c.isdigit())
@@ -213,8 +212,10 @@ def _parse(text: str, unit: str, where: str) -> float:
         )
     number, source = float(parts[0].replace(" ", "")), parts[1]
     try:
-        zero, one = _ends(source, _plain(unit))
-        return number * one if zero == 0.0 else _converted(number, source, _plain(unit))  # of a temperature, say
+        zero_value, unit_value = _ends(source, _plain(unit))
+        return (
+            number * unit_value if zero_value == 0.0 else _converted(number, source, _plain(unit))
+        )  # of a temperature, say
     except _Unfit as unfit:
         gram = "; 'g' is the gram, standard gravity is 'g_0'" if unfit.is_gram else ""
         raise UserError(
@@ -238,8 +239,8 @@ class _Unfit(Exception):
 @functools.lru_cache(maxsize=1024)
 def _ends(source: str, target: str) -> tuple[float, float]:
     """Return what 0 and 1 of a unit are in another one."""
-    zero, one = _everyday().get(f"{source} in {target}") or [_converted(n, source, target) for n in (0.0, 1.0)]
-    return zero, one
+    of_zero, of_one = _everyday().get(f"{source} in {target}") or [_converted(n, source, target) for n in (0.0, 1.0)]
+    return of_zero, of_one
 
 
 @functools.cache
@@ -247,12 +248,11 @@ def _everyday() -> dict[str, list[float]]:
     """Return the ends of common conversions, from an earlier process: a start without pint is a fifth shorter."""
     from importlib.metadata import version  # which brings the package email with it; help does without
 
-    def made() -> bytes:
+    def made() -> dict[str, list[float]]:
         pairs = [(a, b) for group in _EVERYDAY for a in group for b in group]
-        return json.dumps({f"{a} in {b}": [_converted(n, a, b) for n in (0.0, 1.0)] for a, b in pairs}).encode()
+        return {f"{a} in {b}": [_converted(n, a, b) for n in (0.0, 1.0)] for a, b in pairs}
 
-    found: dict[str, list[float]] = json.loads(kept("conversions", f"pint {version('pint')} {_EVERYDAY}", made))
-    return found
+    return kept("conversions", f"pint {version('pint')} {_EVERYDAY}", made, JSON)
 
 
 def _converted(number: float, source: str, target: str) -> float:

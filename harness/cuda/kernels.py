@@ -11,7 +11,7 @@ from typing import Any
 
 from numba import config, cuda
 
-from harness.common.cache import kept
+from harness.common.cache import TEXT, kept
 from harness.common.errors import ModelError, UserError
 from harness.common.sources import digest
 from harness.cuda import compiling, linalg, loops, specialise
@@ -62,7 +62,7 @@ def model_on_card(kernels: ModuleType) -> ModuleType:
 def _specialised(general: ModuleType, entry: str) -> str:
     """Return a module specialised for its sizes, which takes seconds, kept from earlier processes."""
     key = f"{general.__name__} {entry} {digest([specialise])}"  # the name tells all that the module is made from
-    return kept("specialised", key, lambda: specialise.specialised(general, entry).encode()).decode()
+    return kept("specialised", key, lambda: specialise.specialised(general, entry), TEXT)
 
 
 class CardKernel:

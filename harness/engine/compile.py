@@ -57,7 +57,7 @@ from numba.extending import _Intrinsic
 
 from harness.common import places
 from harness.common.arrays import batches
-from harness.common.cache import cache_folder, kept
+from harness.common.cache import TEXT, cache_folder, kept
 from harness.common.errors import ModelError, UserError
 from harness.common.sources import digest, is_own
 from harness.engine import kernel_names
@@ -334,7 +334,7 @@ def _source(
     wanted = (sympy.__version__, digest([sys.modules[__name__]]), signals, parameters, jacobians, step)
     # The digest is the same whatever modules are called; the source names those that it imports.
     key = f"{wanted} {integrator} {substeps}\n{HEADER}\n{name}"
-    return kept("kernels", key, lambda: derived().encode()).decode()
+    return kept("kernels", key, derived, TEXT)
 
 
 def _seen(eqs: Equations) -> list[list[int]]:

@@ -60,7 +60,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
 from harness.common.arrays import Floats, batches
-from harness.common.cache import kept
+from harness.common.cache import ARRAY, kept
 from harness.common.errors import UserError
 from harness.config.roles import ESTIMATORS
 from harness.engine import parameter_loops
@@ -410,12 +410,12 @@ def kernels_of(file: SimpleNamespace, input_errors: bool = False, parameters: bo
 def chi_square_bounds(count: int, coverage: float = COVERAGE) -> Floats:
     """Return two-sided chi-square bounds by degrees of freedom, ``(count, 2)``; row 0 is empty."""
 
-    def made() -> bytes:  # kept: to import scipy.special takes longer than all else that an estimator is built from
+    def made() -> Floats:  # kept: to import scipy.special takes longer than all else that an estimator is built from
         bounds = np.zeros((count, 2))
         tail = (1 - coverage) / 2
         for degrees in range(1, count):  # as scipy.stats, whose import takes longer still
             bounds[degrees] = 2.0 * scipy.special.gammaincinv(degrees / 2.0, [tail, 1 - tail])
-        return bounds.tobytes()
+        return bounds
 
-    key = f"{count} {coverage!r} scipy {scipy.__version__}"
-    return np.frombuffer(kept("chi-square", key, made)).reshape(count, 2).copy()  # kernels take what can be written
+    bounds: Floats = kept("chi-square-bounds", f"{count} {coverage!r} scipy {scipy.__version__}", made, ARRAY)
+    return bounds

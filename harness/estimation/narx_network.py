@@ -23,7 +23,7 @@ import numpy as np
 from harness.common import locations, places
 from harness.common.arrays import Floats
 from harness.common.errors import MissingFileError, UserError
-from harness.common.files import told_as_damaged
+from harness.common.files import refuse_damaged
 
 _KEYS = ("inputs", "outputs", "input_delays", "output_delays", "step")
 
@@ -225,7 +225,7 @@ def load(path: Path) -> Network:
     not_plain = UserError(f"{path}: not an .npz file of plain arrays; pickled objects are refused; {again}")
     if not zipfile.is_zipfile(path):
         raise not_plain
-    with told_as_damaged(path, "network", again), np.load(path, allow_pickle=False) as file:
+    with refuse_damaged(path, "network", again), np.load(path, allow_pickle=False) as file:
         try:
             arrays = {name: np.asarray(file[name]) for name in file.files}
         except ValueError as error:

@@ -333,7 +333,7 @@ class FilteredModel(ABC):
         """Run the filter over every recording, which must not change meanwhile: the last few runs are remembered."""
         pairs = list(zip(drives, for_each(points, drives), strict=True))
         keys = [_key(*pair) for pair in pairs]
-        remembered = self._remembered.of(keys)
+        remembered = self._remembered.get(keys)
         new = iter(self.share(lambda i: self.run(*pairs[i]), [i for i, kept in enumerate(remembered) if kept is None]))
         runs = [next(new) if kept is None else kept[1] for kept in remembered]
         self._remembered.keep(keys, list(zip(drives, runs, strict=True)))

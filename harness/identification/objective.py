@@ -103,7 +103,7 @@ class Driveable:
     def admits(self, values: Sequence[Floats]) -> bool:
         """Whether a model with parameters ``(np,)`` for each fitted drive is a candidate."""
         key = tuple(v.tobytes() for v in values)
-        (admitted,) = self._known.of([key])
+        (admitted,) = self._known.get([key])
         if admitted is None:
             admitted = math.isinf(self.unstable_from(values[0])) and self.stays(values)
             self._known.keep([key], [admitted])

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any, Literal
 
-from harness.common.files import told_as_damaged
+from harness.common.files import refuse_damaged
 
 FILE = "bound.json"
 
@@ -34,7 +34,7 @@ def content_of(folder: Path) -> dict[str, Any]:
     path = folder / FILE
     if not path.is_file():
         return {}
-    with told_as_damaged(path, "JSON text", "delete it: 'harness run' computes it again"):
+    with refuse_damaged(path, "JSON text", "delete it: 'harness run' computes it again"):
         found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         if not isinstance(found, dict) or not isinstance(found.get("rmse"), dict):
             raise ValueError("holds no table 'rmse'")

@@ -19,7 +19,6 @@ estimator sees the same runs.
 from __future__ import annotations
 
 import importlib.metadata
-import io
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal
@@ -27,7 +26,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.common.cache import kept
+from harness.common.cache import ARRAY, kept
 from harness.config import NOISE_SCALES, DesignSpec, FactorSpec, ModelSpec, Study
 from harness.config.bounds import settled
 
@@ -184,13 +183,8 @@ def _kept(drawn: Callable[[], NDArray[np.float64]], package: str, which: str, nu
         return drawn()
     versions = [f"{name} {importlib.metadata.version(name)}" for name in dict.fromkeys((package, "numpy", "scipy"))]
 
-    def packed() -> bytes:
-        file = io.BytesIO()
-        np.save(file, drawn(), allow_pickle=False)
-        return file.getvalue()
-
-    found: NDArray[np.float64] = np.load(io.BytesIO(kept("points", f"{which} {versions}", packed)), allow_pickle=False)
-    return found
+    points: NDArray[np.float64] = kept("points", f"{which} {versions}", drawn, ARRAY)
+    return points
 
 
 def _scaled(factor: FactorSpec, band: int, unit: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from harness.common.errors import UserError
-from harness.common.files import told_as_damaged
+from harness.common.files import refuse_damaged
 from harness.study import bound_file
 
 FILE = "run.json"
@@ -24,7 +24,7 @@ def read(folder: Path) -> dict[str, Any]:
     path = folder / FILE
     if not path.is_file():
         return {}
-    with told_as_damaged(path, "JSON text", "delete it: the report is made without"):
+    with refuse_damaged(path, "JSON text", "delete it: the report is made without"):
         found = json.loads(path.read_text(encoding="utf-8"))
         if not isinstance(found, dict):
             raise ValueError(f"holds a {type(found).__name__} in place of a table")

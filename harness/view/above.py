@@ -29,7 +29,7 @@ from bokeh.palettes import Cividis256
 from bokeh.transform import linear_cmap
 
 from harness.common.arrays import Floats
-from harness.common.thinning import largest
+from harness.common.series import largest
 from harness.models.assembly.plan import Plan
 from harness.models.quantities import quantity, words
 from harness.reporting.style import Look

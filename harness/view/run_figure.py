@@ -14,7 +14,7 @@ from bokeh.models import ColumnDataSource, CustomJS, LegendItem, Range1d
 from scipy.stats import chi2
 
 from harness.common.arrays import Floats
-from harness.common.thinning import kept
+from harness.common.series import thinned
 from harness.models.quantities import quantity, words
 from harness.reporting import style
 from harness.reporting.style import Look
@@ -61,7 +61,7 @@ class _Slot:
 class RunFigure:
     """A column of figures over one time axis, renewed in place as long as signals and number of estimators stay.
 
-    Of a run the samples are sent that the pixels show (``harness.common.thinning``); a closer look sends others.
+    Of a run the samples are sent that the pixels show (``harness.common.series``); a closer look sends others.
 
     Args:
         chosen: Look by estimator.
@@ -127,7 +127,7 @@ class RunFigure:
             lines = [
                 v for k, v in columns.items() if k.startswith(("truth", "estimate", "innovation", "ni", "ne", "value"))
             ]
-            rows = kept(lines, max(0, int(first) - 2), min(len(time), int(stop) + 1))
+            rows = thinned(lines, max(0, int(first) - 2), min(len(time), int(stop) + 1))
             data = {k: v[rows] for k, v in columns.items()}
             if not all(np.array_equal(v, source.data[k], equal_nan=True) for k, v in data.items()):
                 source.data = data  # inputs are those of the drive whatever a slider changes

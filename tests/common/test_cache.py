@@ -22,25 +22,25 @@ def test_is_made_once_for_each_key(folder):
         made.append(content)
         return content
 
-    assert cache.kept("things", "one", lambda: make(b"1")) == b"1"
-    assert cache.kept("things", "one", lambda: make(b"2")) == b"1"
-    assert cache.kept("things", "other", lambda: make(b"3")) == b"3"
-    assert made == [b"1", b"3"]
+    assert cache.kept("things", "one", lambda: make("1"), cache.TEXT) == "1"
+    assert cache.kept("things", "one", lambda: make("2"), cache.TEXT) == "1"
+    assert cache.kept("things", "other", lambda: make("3"), cache.TEXT) == "3"
+    assert made == ["1", "3"]
 
 
 @pytest.mark.parametrize("damage", [lambda c: c[:-1], lambda c: c[:-1] + b"?", lambda c: b"", lambda c: c[:10]])
 def test_what_is_damaged_is_made_again(folder, damage):
-    cache.kept("things", "one", lambda: b"whole")
+    cache.kept("things", "one", lambda: "whole", cache.TEXT)
     (file,) = (folder / "things").iterdir()
     file.write_bytes(damage(file.read_bytes()))
-    assert cache.kept("things", "one", lambda: b"again") == b"again"
-    assert cache.kept("things", "one", lambda: b"no more") == b"again"
+    assert cache.kept("things", "one", lambda: "again", cache.TEXT) == "again"
+    assert cache.kept("things", "one", lambda: "no more", cache.TEXT) == "again"
 
 
 def test_a_folder_that_cannot_be_written_keeps_nothing(folder):
     folder.write_text("a file in its place")
-    assert cache.kept("things", "one", lambda: b"1") == b"1"
-    assert cache.kept("things", "one", lambda: b"2") == b"2"
+    assert cache.kept("things", "one", lambda: "1", cache.TEXT) == "1"
+    assert cache.kept("things", "one", lambda: "2", cache.TEXT) == "2"
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid"), reason="modes that say who may write")
@@ -63,7 +63,7 @@ class TestOthers:
         return folder
 
     def test_it_is_made_for_its_user_alone(self, folder):
-        cache.kept("things", "one", lambda: b"1")
+        cache.kept("things", "one", lambda: "1", cache.TEXT)
         assert folder.stat().st_mode & 0o077 == 0
 
     @pytest.mark.parametrize("mode", [0o777, 0o1777, 0o775])

@@ -8,9 +8,9 @@ def test_the_last_used_stay_and_all_that_are_kept_at_once_do():
     kept.keep(["a", "b"], [1, 2])
     kept.keep(["a"], [1])  # used again
     kept.keep(["c"], [3])
-    assert kept.of(["a", "b", "c"]) == [1, None, 3]
+    assert kept.get(["a", "b", "c"]) == [1, None, 3]
     kept.keep("defg", [4, 5, 6, 7])
-    assert kept.of("cdefg") == [None, 4, 5, 6, 7]
+    assert kept.get("cdefg") == [None, 4, 5, 6, 7]
     assert len(kept) == 4
     kept.keep("h", [8])
-    assert kept.of("fgh") == [None, 7, 8]
+    assert kept.get("fgh") == [None, 7, 8]

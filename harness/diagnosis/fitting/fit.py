@@ -25,7 +25,7 @@ import numpy as np
 from harness.common import places, sources
 from harness.common.arrays import Floats, Mask
 from harness.common.errors import UserError
-from harness.common.files import told_as_damaged
+from harness.common.files import refuse_damaged
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.identification.coordinates import (
     Coordinate,
@@ -395,7 +395,7 @@ class KeptFits:
 def _read(file: Path, moved: tuple[Coordinate, ...]) -> FittedHypothesis | None:
     """Return a fit that was kept; ``None`` if it is not there or was cut off."""
     try:
-        with told_as_damaged(file, "fit"), np.load(file) as kept:
+        with refuse_damaged(file, "fit"), np.load(file) as kept:
             values, process, measurement, numbers = (kept[f"arr_{i}"] for i in range(4))
     except (OSError, UserError):
         return None

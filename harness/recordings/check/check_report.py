@@ -20,8 +20,7 @@ from rich.text import Text
 
 from harness.common.arrays import Floats
 from harness.common.files import json_text, write_files
-from harness.common.series import packed
-from harness.common.thinning import kept
+from harness.common.series import packed, thinned
 from harness.models.quantities import print_unit, quantity, words
 from harness.models.signals import TRUTH
 from harness.recordings.check import remedy
@@ -73,7 +72,7 @@ def _signal_figure(recording: xr.Dataset, names: Sequence[str], which: int, coun
         for axes, name in zip(panels, names, strict=True):
             shown = quantity(name.removeprefix(TRUTH))
             values = recording[name].values * shown.scale
-            rows = kept([values], 0, len(time), _BINS)
+            rows = thinned([values], 0, len(time), _BINS)
             axes.plot(time[rows], values[rows], color=_MEASURED, lw=0.7)
             gaps |= _shade_gaps(axes, time, values)
             axes.set_ylabel(shown.unit or "–")

@@ -12,7 +12,7 @@ import scipy.io
 
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
-from harness.common.files import refuse_beyond, told_as_damaged
+from harness.common.files import refuse_beyond, refuse_damaged
 from harness.recordings.readers._table import MOST_BYTES, Table, by_length
 
 SUFFIXES = (".mat",)
@@ -30,7 +30,7 @@ def read(path: str) -> list[Table]:
         UserError: If the file is damaged.
     """
     vectors: Vectors = {}
-    with told_as_damaged(path, "MATLAB file"):
+    with refuse_damaged(path, "MATLAB file"):
         try:
             claimed = sum(8 * math.prod(shape) for _, shape, _ in scipy.io.whosmat(path))
             refuse_beyond(path, "the file, unpacked,", claimed, MOST_BYTES, "bytes")

@@ -13,7 +13,7 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
-from harness.common.files import refuse_beyond, told_as_damaged
+from harness.common.files import refuse_beyond, refuse_damaged
 from harness.recordings.readers._table import MOST_BYTES, MOST_COLUMNS, Table
 
 _MOST_PACKED = 1100
@@ -42,7 +42,7 @@ def read(path: str) -> list[Table]:
     log.propagate = True
     with (
         tempfile.TemporaryDirectory(prefix="mdf-", ignore_cleanup_errors=True) as folder,  # asammdf leaves files behind
-        told_as_damaged(path, "MDF file"),
+        refuse_damaged(path, "MDF file"),
     ):
         _refuse_circles(path)
         with MDF(path, temporary_folder=folder) as file:

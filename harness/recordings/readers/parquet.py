@@ -6,7 +6,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from harness.common.arrays import Floats
-from harness.common.files import refuse_beyond, told_as_damaged
+from harness.common.files import refuse_beyond, refuse_damaged
 from harness.recordings.readers._table import MOST_BYTES, MOST_COLUMNS, Table
 
 SUFFIXES = (".parquet", ".pq")
@@ -18,7 +18,7 @@ def read(path: str) -> list[Table]:
     Raises:
         UserError: If the file is no Parquet file.
     """
-    with told_as_damaged(path, "Parquet file"):
+    with refuse_damaged(path, "Parquet file"):
         # One file is meant: pq.read_table would read "speed=3" in the path as a partition.
         file = pq.ParquetFile(path)
         about = file.metadata

@@ -39,7 +39,7 @@ class Paired:
     first: int
     second: int
     band: int | None
-    result: statistics.Comparison
+    result: statistics.PairedComparison
     p_corrected: float
 
     @property
@@ -159,7 +159,7 @@ class Findings:
     def comparisons(self) -> list[Paired]:
         """All paired comparisons: by target and pair, every band and then all bands together."""
         d = self.design
-        rows: list[tuple[int, int, int, int | None, statistics.Comparison]] = []
+        rows: list[tuple[int, int, int, int | None, statistics.PairedComparison]] = []
         for t in range(len(d.targets)):
             for first, second in self.pairs:
                 values = d.errors[t]
