@@ -1,4 +1,4 @@
-"""What a file in each folder of ``models/`` must export, and the small records it exports it with.
+"""Contracts of the files in each folder of ``models/``: their exports, and the small records in these.
 
 The folder is the registry: the stem of a file is its name in a study. Nothing here lists names.
 
@@ -30,7 +30,7 @@ numbers, arrays and SymPy expressions. A vehicle
 of several bodies exports ``BODIES``, the axles of each, the steered one first. Where axles stand follows from the
 equations; one that knows how far its bodies reach exports ``outline(values)``: by body, where it ends behind (negative)
 and ahead of its CoG and its width, in m. A vehicle with several sets of
-parameters or sensors that fit exports ``USUAL``, which of them a command takes that was not told:
+parameters or sensors that fit exports ``USUAL``, which of them a command takes if none is named:
 ``{"parameters": ..., "sensors": ...}``.
 
 An effect whose parameters belong to a body, an axle, a tyre or a measured output exports ``PLACE``

@@ -28,11 +28,11 @@ class SensorRole(Role):
 
     def _measured(self) -> dict[str, str]:
         """Return what the files measure: each output with the signal of the vehicle that it is."""
-        found: dict[str, str] = {}
+        signals: dict[str, str] = {}
         for name in self.names():
             for output, signal in super().load(name).OUTPUTS.items():
-                found.setdefault(output, signal)
-        return found
+                signals.setdefault(output, signal)
+        return signals
 
     def _composed(self, name: str, signals: list[str]) -> ModuleType:
         measured = self._measured()

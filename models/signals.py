@@ -83,10 +83,10 @@ def _axle_states(axle: str, where: str) -> list[Signal]:
 
 def _tyre_states(tyre: str) -> list[Signal]:
     """Return what effects have at the axles that share a tyre."""
-    of, a = f"as the roll follows it, for tyre {tyre}", "lateral acceleration"
+    which, a = f"as the roll follows it, for tyre {tyre}", "lateral acceleration"
     return [
-        Signal(f"roll_steer_leaning_{tyre}", "a_R", "m/s^2", "m/s^2", "axle", f"{a} {of}"),
-        Signal(f"roll_steer_leaning_rate_{tyre}", r"\dot a_R", "m/s^3", "m/s^3", "axle", f"rate of the {a} {of}"),
+        Signal(f"roll_steer_leaning_{tyre}", "a_R", "m/s^2", "m/s^2", "axle", f"{a} {which}"),
+        Signal(f"roll_steer_leaning_rate_{tyre}", r"\dot a_R", "m/s^3", "m/s^3", "axle", f"rate of the {a} {which}"),
     ]
 
 
@@ -112,18 +112,18 @@ def _body_forces(body: str, index: str) -> list[Signal]:
     ]
 
 
-def _body_motion(body: str, of: str) -> list[Signal]:
+def _body_motion(body: str, owner: str) -> list[Signal]:
     """Return what a body publishes for effects; ``body`` is what is appended to the names."""
     return [
-        Signal(f"inertial_mass{body}", "m", "kg", "kg", of, f"mass that moves as one rigid body, {of}"),
-        Signal(f"lateral_gravity{body}", "g_y", "m/s^2", "m/s^2", of, f"gravity along the y axis, {of}"),
-        Signal(f"longitudinal_gravity{body}", "g_x", "m/s^2", "m/s^2", of, f"gravity along the x axis, {of}"),
-        Signal(f"pitch_moment{body}", "M_y", "N*m", "kN*m", of, f"moment that loads the front of the {of}"),
-        Signal(f"yaw_acceleration{body}", r"\ddot\psi", "rad/s^2", "deg/s^2", of, f"yaw acceleration, {of}"),
-        Signal(f"cog_shift{body}", "d", "m", "m", of, f"CoG ahead of where the parameters put it, {of}"),
-        Signal(f"slosh_displacement{body}", "y_s", "m", "m", of, f"liquid to the left of the {of}'s axis"),
-        Signal(f"slosh_velocity{body}", r"\dot y_s", "m/s", "m/s", of, f"velocity of the liquid in the {of}"),
-        Signal(f"pitch_speed{body}", "v_p", "m/s", "m/s", of, f"speed that the pitch of the {of} has settled to"),
+        Signal(f"inertial_mass{body}", "m", "kg", "kg", owner, f"mass that moves as one rigid body, {owner}"),
+        Signal(f"lateral_gravity{body}", "g_y", "m/s^2", "m/s^2", owner, f"gravity along the y axis, {owner}"),
+        Signal(f"longitudinal_gravity{body}", "g_x", "m/s^2", "m/s^2", owner, f"gravity along the x axis, {owner}"),
+        Signal(f"pitch_moment{body}", "M_y", "N*m", "kN*m", owner, f"moment that loads the front of the {owner}"),
+        Signal(f"yaw_acceleration{body}", r"\ddot\psi", "rad/s^2", "deg/s^2", owner, f"yaw acceleration, {owner}"),
+        Signal(f"cog_shift{body}", "d", "m", "m", owner, f"CoG ahead of where the parameters put it, {owner}"),
+        Signal(f"slosh_displacement{body}", "y_s", "m", "m", owner, f"liquid to the left of the {owner}'s axis"),
+        Signal(f"slosh_velocity{body}", r"\dot y_s", "m/s", "m/s", owner, f"velocity of the liquid in the {owner}"),
+        Signal(f"pitch_speed{body}", "v_p", "m/s", "m/s", owner, f"speed that the pitch of the {owner} has settled to"),
     ]
 
 
@@ -326,11 +326,11 @@ class SignalTable(Mapping[str, Signal]):
         for signal in stated:
             if not isinstance(signal, Signal):
                 raise ModelError(f"{place}: SIGNALS: expected harness.models.signals.Signal, got {signal!r}")
-            known = self._known(signal.name)
-            if known not in (None, signal):
+            other = self._listed(signal.name)
+            if other not in (None, signal):
                 by = self._further[signal.name][1] if signal.name in self._further else "models/signals.py"
                 raise ModelError(
-                    f"{place}: signal '{signal.name}' is another one than in {by}, which says {known}; "
+                    f"{place}: signal '{signal.name}' is another one than in {by}, which says {other}; "
                     "take another name"
                 )
         for signal in (
@@ -338,7 +338,7 @@ class SignalTable(Mapping[str, Signal]):
             *_of_layout(module),
             *(row for s in stated for row in (*_of_sensor(s), *(_leaning(s) if s.unit == "m/s^2" else ()))),
         ):
-            if self._known(signal.name) is None:
+            if self._listed(signal.name) is None:
                 self._further[signal.name] = signal, owner
 
     def add(self, signal: Signal) -> None:
@@ -349,13 +349,13 @@ class SignalTable(Mapping[str, Signal]):
         Raises:
             ModelError: If a component's signal of that name is something else.
         """
-        known = self._known(signal.name)
-        if known is None or self._further.get(signal.name, ("", ""))[1] == _BELIEF:
+        other = self._listed(signal.name)
+        if other is None or self._further.get(signal.name, ("", ""))[1] == _BELIEF:
             self._further[signal.name] = signal, _BELIEF
-        elif known != signal:
-            raise ModelError(f"'{signal.name}' is a signal already: {known.meaning}; it cannot be estimated as well")
+        elif other != signal:
+            raise ModelError(f"'{signal.name}' is a signal already: {other.meaning}; it cannot be estimated as well")
 
-    def _known(self, name: str) -> Signal | None:
+    def _listed(self, name: str) -> Signal | None:
         return self._ours.get(name) or self._further.get(name, (None,))[0]
 
     def _drop(self, owner: str) -> None:

@@ -10,7 +10,8 @@ from pydantic import ValidationError
 
 from harness.common.errors import UserError
 from harness.common.files import parse_toml
-from harness.config.load import build_study, whole_paths
+from harness.config.entries import whole_paths
+from harness.config.load import build_study
 from harness.config.schema import (
     CountTable,
     DesignTable,
@@ -65,7 +66,7 @@ def alone(
     raw = StudyFile.model_validate(parse_toml(study.text, str(study.path)))
     spec = study.drive(drive)
     factors = {(f.parameter, f.of): float(v) for f, v in zip(design.factors, values, strict=True)}
-    tables = [_table(parameter, of, value) for (parameter, of), value in _changed(factors, changes).items()]
+    tables = [_table(parameter, side, value) for (parameter, side), value in _changed(factors, changes).items()]
     said = "; ".join(f"{c.parameter} of the {c.of} {c.value}" for c in changes)
     update: dict[str, Any] = {
         "title": f"{study.title or study.name} (one run on {drive}{f', but {said}' if said else ''})",
@@ -82,16 +83,16 @@ def alone(
 
 def _changed(factors: Mapping[tuple[str, Side], float], changes: Sequence[Change]) -> dict[tuple[str, Side], Quantity]:
     """Return the factors with other values; one of both models gives way to one of each where only one changes."""
-    found: dict[tuple[str, Side], Quantity] = dict(factors)
+    factors_now: dict[tuple[str, Side], Quantity] = dict(factors)
     for change in changes:
-        name, of = change.parameter, change.of
-        if of == "both":
-            found.pop((name, "plant"), None)
-            found.pop((name, "belief"), None)
-        elif (name, "both") in found:
-            found[name, "belief" if of == "plant" else "plant"] = found.pop((name, "both"))
-        found[name, of] = change.value
-    return found
+        name, side = change.parameter, change.of
+        if side == "both":
+            factors_now.pop((name, "plant"), None)
+            factors_now.pop((name, "belief"), None)
+        elif (name, "both") in factors_now:
+            factors_now[name, "belief" if side == "plant" else "plant"] = factors_now.pop((name, "both"))
+        factors_now[name, side] = change.value
+    return factors_now
 
 
 def _with_whole_paths(table: EstimatorTable, study: Study) -> EstimatorTable:
@@ -103,10 +104,10 @@ def _drawn(study: Study) -> list[str]:
     return list(dict.fromkeys(name for history in study.history for name in history.signals))
 
 
-def _table(parameter: str, of: Side, value: Any) -> FactorTable:
+def _table(parameter: str, side: Side, value: Any) -> FactorTable:
     """Return a factor with one level."""
     try:
-        return FactorTable(parameter=parameter, of=of, levels=[value])
+        return FactorTable(parameter=parameter, of=side, levels=[value])
     except ValidationError as error:
         said = error.errors()[0]["msg"].removeprefix("Value error, ")
-        raise UserError(f"{parameter} of the {of} cannot be {value!r}: {said}") from None
+        raise UserError(f"{parameter} of the {side} cannot be {value!r}: {said}") from None

@@ -1,4 +1,4 @@
-"""What values a vehicle can have: bounds of each parameter, and relations between them."""
+"""Bounds of the parameters of a vehicle, and relations between them."""
 
 from __future__ import annotations
 

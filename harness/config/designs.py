@@ -67,7 +67,7 @@ def _refuse_twice(raw: DesignTable, key: str, models: Models, problems: Problems
     seen: dict[tuple[str, str], str] = {}
     for i, table in enumerate(raw.factor):
         place = f"{key}.factor[{i}]"
-        for side in models.of(table.of):
+        for side in models.sides(table.of):
             first = seen.setdefault((table.parameter, side), place)
             if first != place:
                 problems.add(
@@ -79,7 +79,7 @@ def _refuse_twice(raw: DesignTable, key: str, models: Models, problems: Problems
 def _refuse_following(raw: DesignTable, key: str, models: Models, problems: Problems) -> None:
     """A value that follows from a varied load may have no factor of its own."""
     for i, table in enumerate(raw.factor):
-        for side, spec in models.of(table.of).items():
+        for side, spec in models.sides(table.of).items():
             if table.parameter not in loading_parameters(spec.vehicle):
                 continue
             followers = settled(spec.vehicle, spec.values, loading(spec.vehicle, spec.values))

@@ -28,7 +28,7 @@ class Models:
     plant: ModelSpec
     belief: ModelSpec
 
-    def of(self, side: Side) -> dict[str, ModelSpec]:
+    def sides(self, side: Side) -> dict[str, ModelSpec]:
         """Return the models whose values a factor of this side replaces, by name."""
         both = {"plant": self.plant, "belief": self.belief}
         return both if side == "both" else {side: both[side]}
@@ -91,7 +91,7 @@ def resolve_factor(table: FactorTable, key: str, models: Models, problems: Probl
 
 def _check_input_noise(table: FactorTable, key: str, models: Models, problems: Problems) -> bool:
     """A factor on the noise of inputs needs some."""
-    lacking = [side for side, spec in models.of(table.of).items() if not spec.input_noise]
+    lacking = [side for side, spec in models.sides(table.of).items() if not spec.input_noise]
     if table.parameter != "input_noise_scale" or not lacking:
         return True
     problems.add(
@@ -115,18 +115,18 @@ def _parameter(table: FactorTable, key: str, models: Models, problems: Problems)
     """Return the declaration of the varied parameter; every side that is varied must have it."""
     if table.parameter in NOISE_SCALES:
         return Parameter(table.parameter, *list(vars(_SCALE).values())[1:])
-    found = None
-    for side, spec in models.of(table.of).items():
-        known = {p.name: p for p in spec.model().parameters} | loading_parameters(spec.vehicle)
-        if table.parameter not in known:
-            choices = [*known, *NOISE_SCALES]
+    parameter = None
+    for side, spec in models.sides(table.of).items():
+        parameters = {p.name: p for p in spec.model().parameters} | loading_parameters(spec.vehicle)
+        if table.parameter not in parameters:
+            choices = [*parameters, *NOISE_SCALES]
             problems.add(
                 f"{key}.parameter",
                 f"the {side} has no parameter '{table.parameter}'{closest(table.parameter, choices)}",
             )
             return None
-        found = known[table.parameter]
-    return found
+        parameter = parameters[table.parameter]
+    return parameter
 
 
 def _check_form(table: FactorTable, key: str, problems: Problems) -> bool:

@@ -4,34 +4,32 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-from pydantic import BaseModel, ValidationError
-
-from harness.common import locations, registry
-from harness.common.errors import UserError
-from harness.common.files import parse_toml, read_text, read_toml, refuse_control_characters, toml_text
-from harness.common.units import refuse_misread
+from harness.common import registry
+from harness.common.errors import ModelError, UserError
+from harness.common.files import parse_toml, read_text, refuse_control_characters, toml_text
 from harness.config.designs import resolve_design
+from harness.config.entries import drives_of, estimator_specs, names_file, refuse_twice, whole_paths
 from harness.config.factors import Models, number
 from harness.config.model import resolve_model, stated
-from harness.config.pair import check_pair
-from harness.config.problems import Problems, add_validation_errors
-from harness.config.quick import shortened
+from harness.config.problems import Problems, validated
 from harness.config.report_options import limits, over_time, score_after
-from harness.config.roles import ESTIMATORS
-from harness.config.schema import DrivesFile, DriveTable, EstimatorTable, StudyFile
-from harness.config.specs import CountFrom, DesignSpec, DriveSpec, EstimatorSpec, HistorySpec, ModelSpec, Study
+from harness.config.schema import DriveTable, HistoryTable, StudyFile
+from harness.config.specs import CountFrom, DesignSpec, DriveSpec, HistorySpec, ModelSpec, Study
 from harness.config.tuning import with_tuning
-from harness.models.drive_options import options_of
+from harness.models.contracts import DRIVE_INPUTS
 
 _MOST_RUNS = 10**9
 """Runs of a study; the list of their units alone takes 400 MB."""
 
-_Table = TypeVar("_Table", bound=BaseModel)
+QUICK_RUNS = 8
+"""Runs of each level on a drive in a quick look: as many as are computed side by side; fewer would take as long."""
+
+QUICK_SUFFIX = "-quick"
 
 
 def load_study(path: str | Path, quick: bool = False, tuned: bool = True) -> Study:
@@ -39,7 +37,7 @@ def load_study(path: str | Path, quick: bool = False, tuned: bool = True) -> Stu
 
     Args:
         path: The TOML file. Files it names are looked for in its folder first, then in the working directory.
-        quick: Return the study shortened, under a name of its own, see ``harness.config.quick``.
+        quick: Return the study shortened, under a name of its own, see ``_shortened``.
         tuned: Whether its tuning file counts; without it the study may name one that is still to be written.
 
     Raises:
@@ -49,17 +47,49 @@ def load_study(path: str | Path, quick: bool = False, tuned: bool = True) -> Stu
     path = Path(path)
     text = read_text(path)
     problems = Problems(str(path))
-    raw = _validated(parse_toml(text, str(path)), StudyFile, problems)
+    raw = validated(parse_toml(text, str(path)), StudyFile, problems)
     problems.stop()
     assert raw is not None
     if not tuned:
         raw = raw.model_copy(update={"tuning": None})
     if not quick:
         return _resolve(raw, text, path)
-    drives = _drives(raw, path.parent, problems)
+    drives = drives_of(raw, path.parent, problems)
     problems.stop()
-    found = [replace(d, options=whole_paths(d.options, d.base)) for d in drives]
-    return _resolve_tables(shortened(raw, found), path)
+    whole_drives = [replace(d, options=whole_paths(d.options, d.base)) for d in drives]
+    return _resolve_tables(_shortened(raw, whole_drives), path)
+
+
+def _shortened(study: StudyFile, drives: Sequence[DriveSpec]) -> StudyFile:
+    """Return a study that is over soon, for a look at whether it runs and what its report shows.
+
+    It keeps the drives that the report draws over time, or else the first, and of each design at most ``QUICK_RUNS``
+    points or repeats. The name, and with it the folder of the result, ends in ``QUICK_SUFFIX``, and the title says what
+    was cut: nobody shall take the result for that of the whole study.
+
+    Args:
+        study: What the file states.
+        drives: All drives of the study, of its own tables and of the files it names.
+    """
+    over_time = study.report.sensitivity_over_time
+    drawn = {table.drive for table in study.histories.values()} | ({over_time.drive} if over_time else set())
+    kept = [d for d in drives if d.name in drawn] or list(drives[:1])
+    designs = []
+    for design in study.design:
+        samples = min(design.samples, QUICK_RUNS)
+        repeats = min(design.repeats, QUICK_RUNS // samples)
+        designs.append(design.model_copy(update={"samples": samples, "repeats": repeats}))
+    changes: dict[str, Any] = {
+        "name": study.name + QUICK_SUFFIX,
+        "title": f"{study.title or study.name} (quick look: {len(kept)} of {len(drives)} drives, few runs)",
+        "drives": [],
+        "drive": [DriveTable(name=d.name, kind=d.kind, **d.options) for d in kept],
+        "design": designs,
+    }
+    first = [table.model_copy(update={"sample": 0, "repeat": 0}) for table in study.histories.values()]
+    if first:
+        changes["history"] = first[0] if isinstance(study.history, HistoryTable) else first
+    return study.model_copy(update=changes)
 
 
 def build_study(content: Mapping[str, Any] | StudyFile, path: str | Path = "study") -> Study:
@@ -77,7 +107,12 @@ def build_study(content: Mapping[str, Any] | StudyFile, path: str | Path = "stud
     """
     path = Path(path)
     problems = Problems(str(path))
-    raw = content if isinstance(content, StudyFile) else _validated(content, StudyFile, problems)
+    raw: StudyFile | None
+    if isinstance(content, StudyFile):
+        raw = content
+    else:
+        refuse_control_characters(content, str(path))
+        raw = validated(dict(content), StudyFile, problems)
     problems.stop()
     assert raw is not None
     return _resolve_tables(raw, path)
@@ -100,15 +135,15 @@ def _resolve(raw: StudyFile, text: str, path: Path) -> Study:
     plant_table = stated("plant", raw.plant, folder, problems)
     plant = resolve_model(plant_table, problems)
     belief = resolve_model(stated("belief", raw.belief, folder, problems, plant_table), problems)
-    drives = _drives(raw, folder, problems)
+    drives = drives_of(raw, folder, problems)
     estimators, rule = with_tuning(raw.tuning, estimator_specs(raw.estimator, folder, problems), folder, problems)
     designs: list[DesignSpec] = []
-    _refuse_twice([d.name for d in raw.design], "design", "name", problems)
+    refuse_twice([d.name for d in raw.design], "design", "name", problems)
     for i, entry in enumerate(raw.design):
         if entry.name == "history":
             problems.add(f"design[{i}].name", "'history' is where the store keeps the runs over time; choose another")
     if plant is not None and belief is not None:
-        check_pair(plant, belief, raw, problems)
+        _check_pair(plant, belief, raw, problems)
         for i, table in enumerate(raw.design):
             design = resolve_design(table, f"design[{i}]", Models(plant, belief), problems)
             designs += [] if design is None else [design]
@@ -148,145 +183,59 @@ def _resolve(raw: StudyFile, text: str, path: Path) -> Study:
     return study
 
 
-def _validated(content: Mapping[str, Any], table: type[_Table], problems: Problems) -> _Table | None:
-    refuse_control_characters(content, problems.file)
-    try:
-        return table.model_validate(dict(content))
-    except ValidationError as error:
-        add_validation_errors(problems, error, table)
-    return None
-
-
-def _refuse_twice(names: list[str], table: str, key: str, problems: Problems) -> None:
-    for i, name in enumerate(names):
-        if name in names[:i]:
-            first = names.index(name)
-            problems.add(f"{table}[{i}].{key}", f"'{name}' is the name of {table}[{first}] already; choose another")
-
-
-def load_drives(name: str, folder: Path) -> tuple[DriveSpec, ...]:
-    """Return the drives of a set, by its name or the path of a TOML file.
-
-    A name is looked for in ``<folder>/drives`` first, then as ``harness.common.locations`` does.
-
-    Raises:
-        UserError: If there is no such file or a drive in it is wrong.
-    """
-    problems = Problems("drives", "drives")
-    drives = _drives(StudyFile.model_construct(drives=name, drive=[]), folder, problems)
-    problems.stop()
-    return tuple(drives)
-
-
-def _drives(raw: StudyFile, folder: Path, problems: Problems) -> list[DriveSpec]:
-    """Return the drives of the named files, in order, and then those of the study itself."""
-    drives: list[DriveSpec] = []
-    for name in [raw.drives] if isinstance(raw.drives, str) else raw.drives:
-        path = folder / name
-        if not name.endswith(".toml"):
-            try:
-                path = locations.find(locations.DRIVE_SETS, name, folder / "drives")
-            except UserError as error:
-                problems.add("drives", str(error))
-                continue
-        elif not path.is_file():
-            problems.add("drives", f"there is no file {path}")
-            continue
-        inner = problems.of(str(path))
-        try:
-            content = _validated(read_toml(path), DrivesFile, inner)
-        except UserError as error:
-            problems.add("drives", str(error))
-            continue
-        if content is not None:
-            drives += drive_specs(content.drive, path.parent, folder, inner, drives)
-    drives += drive_specs(raw.drive, folder, folder, problems, drives)
-    if not drives and not raw.drives and not raw.drive:
-        problems.add("drives", 'a study needs a drive; add drives = "robustness" or a [[drive]] table')
-    return drives
-
-
-def drive_specs(
-    tables: list[DriveTable], beside: Path, folder: Path, problems: Problems, before: list[DriveSpec]
-) -> list[DriveSpec]:
-    """Return drives, their options known; those before them have names that none of them may have."""
-    specs: list[DriveSpec] = []
-    for i, table in enumerate(tables):
-        key = f"drive[{i}]"
-        first = next((d for d in [*before, *specs] if d.name == table.name), None)
-        if first is not None:
-            taken = first.where.removeprefix(problems.at(""))
-            problems.add(f"{key}.name", f"'{table.name}' is the name of {taken.lstrip(': ')} already; choose another")
-        with problems.catch(f"{key}.kind"):
-            options = options_of(table.kind)
-            _check_options(
-                table,
-                [o.name for o in options],
-                [o.name for o in options if o.default is None],
-                key,
-                problems,
-            )
-        base = _base(table.further, (beside, folder, Path()))
-        specs.append(DriveSpec(table.name, table.kind, table.further, problems.at(key), base))
-    return specs
-
-
-def _check_options(table: DriveTable, known: list[str], required: list[str], key: str, problems: Problems) -> None:
-    for name in table.further:
-        if name not in known:
-            problems.add(f"{key}.{name}", f"drive '{table.kind}' has no option '{name}'{registry.closest(name, known)}")
-    for name in required:
-        if name not in table.further:
-            problems.add(f"{key}.{name}", f"drive '{table.kind}' needs this option; add it")
-
-
-def _base(options: dict[str, Any], candidates: tuple[Path, ...]) -> Path:
-    """Return the first folder in which a file named by an option exists (the first folder if none does)."""
-    return next((c for c in candidates if any(_names_file(c, v) for v in options.values())), candidates[0])
-
-
-def whole_paths(options: dict[str, Any], base: Path) -> dict[str, Any]:
-    """Return options whose files are found from any folder."""
-    return {k: str((base / v).resolve()) if _names_file(base, v) else v for k, v in options.items()}
-
-
-def _names_file(folder: Path, value: Any) -> bool:
-    """Whether an option's value names a file: text with a suffix, so that column names are none."""
-    if not isinstance(value, str) or not Path(value).suffix:
-        return False
-    try:
-        return (folder / value).is_file()
-    except (OSError, ValueError):  # text that cannot be a file name
-        return False
-
-
-def estimator_specs(tables: list[EstimatorTable], folder: Path, problems: Problems) -> list[EstimatorSpec]:
-    """Return estimators, their settings checked and completed."""
-    specs: list[EstimatorSpec] = []
-    for i, table in enumerate(tables):
-        key, settings = f"estimator[{i}]", table.further
-        with problems.catch(f"{key}.kind"):
-            module = ESTIMATORS.load(table.kind, ())
-            model: type[BaseModel] | None = getattr(module, "Settings", None)
-            known = [] if model is None else sorted(model.model_fields)
-            unknown = [k for k in settings if k not in known]
-            for name in unknown:
-                problems.add(
-                    f"{key}.{name}",
-                    f"estimator '{table.kind}' has no setting '{name}'{registry.closest(name, known)}",
-                )
-            if model is not None and not unknown:
-                refuse_misread(settings, problems.at(key))
-                try:
-                    settings = model.model_validate(settings).model_dump()
-                except ValidationError as error:
-                    add_validation_errors(problems, error, model, key)
-        base = _base(settings, (folder, Path()))
-        specs.append(
-            EstimatorSpec(table.name or table.kind, table.kind, settings, base, input_signal=table.input_signal)
+def _check_pair(plant: ModelSpec, belief: ModelSpec, raw: StudyFile, problems: Problems) -> None:
+    """Note where plant and belief do not share sample time, measured outputs, known inputs and targets."""
+    if plant.step != belief.step:
+        problems.add(
+            "belief.step",
+            f"{belief.step:g} s differs from the plant's {plant.step:g} s; both run on the same samples. "
+            "Use belief.substeps for finer integration",
         )
-    _refuse_twice([s.name for s in specs], "estimator", "name", problems)
-    return specs
+    truth, held = plant.model(), belief.model()
+    for output in held.outputs:
+        if output not in truth.outputs:
+            problems.add(
+                "belief.sensors",
+                f"the belief measures '{output}', which the plant's sensors do not give"
+                f"{registry.closest(output, list(truth.outputs))}",
+            )
+    for name in held.inputs:
+        given = {*truth.inputs, *truth.outputs, *truth.states, *truth.ports, *DRIVE_INPUTS, *held.rates, "time"}
+        given |= set(held.otherwise)
+        if name not in given:
+            problems.add(
+                "belief.vehicle",
+                f"the belief needs input '{name}', which the plant does not have; add it to belief.unknown_inputs",
+            )
+    _check_input_noise(plant, belief, problems)
+    for i, target in enumerate(raw.targets):
+        if target in raw.targets[:i]:
+            problems.add(f"targets[{i}]", f"'{target}' is named twice; remove one")
+        for side, model in (("plant", truth), ("belief", held)):
+            if target in held.estimated:
+                continue  # scored where the plant has such a parameter
+            try:
+                model.resolve(target)
+            except ModelError as error:
+                problems.add(f"targets[{i}]", f"the {side} cannot give it: {error}")
+                break
+
+
+def _check_input_noise(plant: ModelSpec, belief: ModelSpec, problems: Problems) -> None:
+    """What is read with noise must be known to be; what the vehicle itself supplies has the noise of its sensors."""
+    for name in plant.input_noise:
+        key = f"plant.noise.input.{name}"
+        if name not in belief.model().inputs:
+            problems.add(key, f"no estimator reads '{name}' as an input; remove the key")
+        elif name not in plant.model().inputs and name not in DRIVE_INPUTS:
+            problems.add(
+                key, f"'{name}' is what a sensor gives, whose noise is noise.measurement.{name}; remove the key"
+            )
+        elif name not in belief.input_noise:
+            problems.add(
+                f"belief.noise.input.{name}",
+                f"estimators read '{name}' with noise; state the variance that they believe it to have",
+            )
 
 
 def _refuse_too_many(designs: list[DesignSpec], drives: int, problems: Problems) -> None:
@@ -354,12 +303,12 @@ def _history_band(
     labels = ", ".join(design.band_labels)
     for name, written in table.levels.items():
         key = problems.at(f"{where}.levels.{name}")
-        found = [i for i, f in enumerate(design.factors) if f.parameter == name]
-        if not found:
+        varying = [i for i, f in enumerate(design.factors) if f.parameter == name]
+        if not varying:
             near = registry.closest(name, [f.parameter for f in design.factors])
             raise UserError(f"{key}: design '{design.name}' does not vary '{name}'{near}")
-        factor = design.factors[found[0]]
-        value = number(written, raw.design[at].factor[found[0]].unit, factor.unit, key)
+        factor = design.factors[varying[0]]
+        value = number(written, raw.design[at].factor[varying[0]].unit, factor.unit, key)
         fits = [b for b in fits if abs(factor.levels[b] - value) <= 1e-9 * max(abs(value), 1e-9)]
         if not fits:
             raise UserError(f"{key}: {written!r} is no level of design '{design.name}'; its bands: {labels}")
@@ -428,5 +377,5 @@ def _file_digests(options: dict[str, Any], base: Path) -> dict[str, str]:
     return {
         name: hashlib.sha256((base / value).read_bytes()).hexdigest()
         for name, value in options.items()
-        if _names_file(base, value)
+        if names_file(base, value)
     }

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import ValidationError
-
 from harness.common import registry
 from harness.common.errors import ModelError
 from harness.config.bounds import broken_relations, out_of_bounds
 from harness.config.parameter_set import ParameterSet, load_set, variance_unit
-from harness.config.problems import Problems, add_validation_errors
+from harness.config.problems import Problems, validated
 from harness.config.schema import ModelTable
 from harness.config.specs import ModelSpec, assembled
 from harness.config.unknown_parameters import KEYS, parameter_states
@@ -41,15 +39,15 @@ _SIMPLE = (
 
 @dataclass(frozen=True)
 class Stated:
-    """What a model's table says, own and inherited entries together, each with the key it was written at.
+    """Entries of a model's table, own and inherited ones together, each with the key it was written at.
 
-    ``found`` is the parameter set that it names, ``None`` if that cannot be had.
+    ``parameter_set`` is the one that it names, ``None`` if that cannot be had.
     """
 
     side: str
     entries: dict[str, Any]
     keys: dict[str, str]
-    found: ParameterSet | None = None
+    parameter_set: ParameterSet | None = None
 
     def __getitem__(self, name: str) -> Any:
         return self.entries.get(name)
@@ -99,8 +97,8 @@ def stated(side: str, table: ModelTable, folder: Path, problems: Problems, paren
             if name not in entries and not (fresh and of_set):
                 entries[name], keys[name] = value, parent.key(name)
     plain = Stated(side, entries, keys)
-    found = _parameter_set(plain, folder, problems)
-    return plain if found is None else _with_set(plain, found, problems)
+    parameter_set = _parameter_set(plain, folder, problems)
+    return plain if parameter_set is None else _with_set(plain, parameter_set, problems)
 
 
 def resolve_single(table: Mapping[str, Any], where: str, side: Literal["plant", "belief"] = "plant") -> ModelSpec:
@@ -115,12 +113,9 @@ def resolve_single(table: Mapping[str, Any], where: str, side: Literal["plant", 
         UserError: If anything in it is wrong.
     """
     problems = Problems(where)
-    try:
-        parsed = ModelTable.model_validate(dict(table))
-    except ValidationError as error:
-        add_validation_errors(problems, error, ModelTable)
-        problems.stop()
-        raise
+    parsed = validated(dict(table), ModelTable, problems)
+    problems.stop()
+    assert parsed is not None
     spec = resolve_model(stated(side, parsed, Path(), problems), problems)
     problems.stop()
     assert spec is not None
@@ -134,21 +129,21 @@ def resolve_model(table: Stated, problems: Problems) -> ModelSpec | None:
         table: What the study says about it.
         problems: Where problems are noted.
     """
-    before, found = len(problems), table.found
+    before, parameter_set = len(problems), table.parameter_set
     model = _assemble(table, problems)
     step = _number(table, "step", "s", problems, 0.01)
     if step is not None and step <= 0:
         problems.add(table.key("step"), f"the sample time must be positive, e.g. '10 ms', got {table['step']!r}")
         step = None
-    if model is None or found is None or step is None or len(problems) > before:
+    if model is None or parameter_set is None or step is None or len(problems) > before:
         return None
-    values = _values(table, model, found, problems)
+    values = _values(table, model, parameter_set, problems)
     noise: dict[Kind, dict[str, float]] = {
-        "process": _noise(table, "process", model, found, step, problems),
-        "measurement": _noise(table, "measurement", model, found, step, problems),
+        "process": _noise(table, "process", model, parameter_set, step, problems),
+        "measurement": _noise(table, "measurement", model, parameter_set, step, problems),
     }
     input_noise = _input_noise(table, model, problems)
-    uncertain = _parameter_states(table, model, values, found, problems)
+    uncertain = _parameter_states(table, model, values, parameter_set, problems)
     if len(problems) > before:
         return None
     noise["process"] |= {s.state: s.walk_variance * step for s in uncertain}
@@ -171,7 +166,7 @@ def resolve_model(table: Stated, problems: Problems) -> ModelSpec | None:
 
 
 def _parameter_states(
-    table: Stated, model: Model, values: Mapping[str, float], found: ParameterSet, problems: Problems
+    table: Stated, model: Model, values: Mapping[str, float], parameter_set: ParameterSet, problems: Problems
 ) -> tuple[ParameterState, ...]:
     stated = {name: (table.key(name), table[name]) for name in KEYS if table[name]}
     if stated and table.side == "plant":
@@ -180,7 +175,7 @@ def _parameter_states(
         return ()
     if not stated or len(values) < len(model.parameters):
         return ()
-    return parameter_states(stated, model, table["vehicle"], values, found.std, problems)
+    return parameter_states(stated, model, table["vehicle"], values, parameter_set.std, problems)
 
 
 def _assemble(table: Stated, problems: Problems) -> Model | None:
@@ -234,42 +229,51 @@ def _number(table: Stated, name: str, unit: str, problems: Problems, default: fl
 
 def _parameter_set(table: Stated, folder: Path, problems: Problems) -> ParameterSet | None:
     name, key = table["parameters"] or "", table.key("parameters")
-    found: ParameterSet | None = None
+    parameter_set: ParameterSet | None = None
     with problems.catch(key):
-        found = load_set(name, folder, problems.at(key))
-    if found is not None and name and table["vehicle"] is not None and found.vehicle != table["vehicle"]:
+        parameter_set = load_set(name, folder, problems.at(key))
+    if (
+        parameter_set is not None
+        and name
+        and table["vehicle"] is not None
+        and parameter_set.vehicle != table["vehicle"]
+    ):
         problems.add(
             key,
-            f"parameter set '{name}' is for vehicle '{found.vehicle}', but {table.key('vehicle')} is "
+            f"parameter set '{name}' is for vehicle '{parameter_set.vehicle}', but {table.key('vehicle')} is "
             f"'{table['vehicle']}'; choose a set of that vehicle",
         )
         return None
-    return found
+    return parameter_set
 
 
-def _with_set(table: Stated, found: ParameterSet, problems: Problems) -> Stated:
+def _with_set(table: Stated, parameter_set: ParameterSet, problems: Problems) -> Stated:
     """Add a parameter set with what comes with it; tyre and effects that are stated beside its name stand.
 
     Sensors stand wherever they are stated: they belong to the vehicle's equipment and not to its values.
     """
-    beside = {n: n in table.entries and (table.own(n) or not table.own("parameters")) for n in ("tyre", "effects")}
-    beside["sensors"] = "sensors" in table.entries
-    if found.tyre is not None and beside["tyre"] and table["tyre"] != found.tyre:
+    stated_here = {n: n in table.entries and (table.own(n) or not table.own("parameters")) for n in ("tyre", "effects")}
+    stated_here["sensors"] = "sensors" in table.entries
+    if parameter_set.tyre is not None and stated_here["tyre"] and table["tyre"] != parameter_set.tyre:
         problems.add(
             table.key("parameters"),
-            f"the values of '{table['parameters']}' belong to tyre '{found.tyre}', but {table.key('tyre')} is "
+            f"the values of '{table['parameters']}' belong to tyre '{parameter_set.tyre}', but {table.key('tyre')} is "
             f"'{table['tyre']}'; choose that tyre or another set",
         )
     entries, keys = dict(table.entries), dict(table.keys)
-    sensors = table["sensors"] if beside["sensors"] else found.sensors
-    coming = {"tyre": found.tyre, "effects": _measured(found.effects, sensors), "sensors": found.sensors}
+    sensors = table["sensors"] if stated_here["sensors"] else parameter_set.sensors
+    coming = {
+        "tyre": parameter_set.tyre,
+        "effects": _measured(parameter_set.effects, sensors),
+        "sensors": parameter_set.sensors,
+    }
     for name, value in coming.items():
-        if value and not beside[name]:
-            entries[name], keys[name] = value, f"{table.key('parameters')} ({found.source}): {name}"
-    for name, unsure in found.unsure.items():
+        if value and not stated_here[name]:
+            entries[name], keys[name] = value, f"{table.key('parameters')} ({parameter_set.source}): {name}"
+    for name, unsure in parameter_set.unsure.items():
         if table.side == "belief" and name not in entries:
-            entries[name], keys[name] = unsure, f"{table.key('parameters')} ({found.source}): {name}"
-    return Stated(table.side, entries, keys, found)
+            entries[name], keys[name] = unsure, f"{table.key('parameters')} ({parameter_set.source}): {name}"
+    return Stated(table.side, entries, keys, parameter_set)
 
 
 def _measured(effects: tuple[str, ...], sensors: str | None) -> tuple[str, ...]:
@@ -283,7 +287,7 @@ def _measured(effects: tuple[str, ...], sensors: str | None) -> tuple[str, ...]:
     return tuple(e for e in effects if place_of(load_effect(e)) != "output" or split(e)[1] in (None, *outputs))
 
 
-def _values(table: Stated, model: Model, found: ParameterSet, problems: Problems) -> dict[str, float]:
+def _values(table: Stated, model: Model, parameter_set: ParameterSet, problems: Problems) -> dict[str, float]:
     """Return every parameter of the model: stated, else from the set, else neutral (effects)."""
     from harness.common.units import to_si
 
@@ -298,9 +302,9 @@ def _values(table: Stated, model: Model, found: ParameterSet, problems: Problems
         if p.name in given:
             with problems.catch(key):
                 value = to_si(given[p.name], p.unit, problems.at(key))
-        elif p.name in found.values:
-            value = found.values[p.name]
-            key = f"{table.key('parameters')} ({found.source})"
+        elif p.name in parameter_set.values:
+            value = parameter_set.values[p.name]
+            key = f"{table.key('parameters')} ({parameter_set.source})"
         elif p.neutral is not None:
             value = p.neutral
         else:
@@ -319,7 +323,7 @@ def _values(table: Stated, model: Model, found: ParameterSet, problems: Problems
             f"[{table.side}.values]",
         )
     if len(values) == len(model.parameters):
-        _check_relations(table, values, found, problems)
+        _check_relations(table, values, parameter_set, problems)
     return values
 
 
@@ -329,7 +333,9 @@ def _at_home(table: Stated, group: str) -> str:
     return f"to [{group}] of {file}, or as " if file.endswith(".toml") else "as "
 
 
-def _check_relations(table: Stated, values: Mapping[str, float], found: ParameterSet, problems: Problems) -> None:
+def _check_relations(
+    table: Stated, values: Mapping[str, float], parameter_set: ParameterSet, problems: Problems
+) -> None:
     try:
         wrong = broken_relations(table["vehicle"], values)
     except ModelError as error:
@@ -337,24 +343,24 @@ def _check_relations(table: Stated, values: Mapping[str, float], found: Paramete
         return
     for name, message in wrong:
         written = f"values.{name}" in table.entries
-        key = table.key(f"values.{name}") if written else f"{table.key('parameters')} ({found.source})"
+        key = table.key(f"values.{name}") if written else f"{table.key('parameters')} ({parameter_set.source})"
         problems.add(key, message if written else f"{name}: {message}")
 
 
 def _refuse_unknown(
-    table: Stated, group: str, given: Iterable[str], known: tuple[str, ...], word: str, problems: Problems
+    table: Stated, group: str, given: Iterable[str], names: tuple[str, ...], word: str, problems: Problems
 ) -> None:
     """Refuse names the model does not have; inherited ones are dropped silently."""
     for name in given:
-        if name not in known and table.own(f"{group}.{name}"):
+        if name not in names and table.own(f"{group}.{name}"):
             problems.add(
                 table.key(f"{group}.{name}"),
-                f"the {table.side} has no {word} '{name}'{registry.closest(name, known)}",
+                f"the {table.side} has no {word} '{name}'{registry.closest(name, names)}",
             )
 
 
 def _noise(
-    table: Stated, kind: Kind, model: Model, found: ParameterSet, step: float, problems: Problems
+    table: Stated, kind: Kind, model: Model, parameter_set: ParameterSet, step: float, problems: Problems
 ) -> dict[str, float]:
     """Return the variances by state (per step) or output (per sample).
 
@@ -365,8 +371,8 @@ def _noise(
 
     process = kind == "process"
     names = model.states if process else tuple(model.outputs)
-    base = found.process if process else found.measurement
-    stretch = step / found.noise_step if process and not model.discrete else 1.0
+    base = parameter_set.process if process else parameter_set.measurement
+    stretch = step / parameter_set.noise_step if process and not model.discrete else 1.0
     given = table.group(f"noise.{kind}")
     _refuse_unknown(table, f"noise.{kind}", given, names, "state" if process else "output", problems)
     factor = _scale(table, kind, problems)
@@ -419,18 +425,18 @@ def _input_noise(table: Stated, model: Model, problems: Problems) -> dict[str, f
 
     given, factor = table.group("noise.input"), _scale(table, "input", problems)
     names = [n for n in model.inputs if n not in model.rates and n != "time"]
-    known = (*names, *(n for n in DRIVE_INPUTS if table.side == "plant" and n not in names))
-    _refuse_unknown(table, "noise.input", given, known, "input signal", problems)
-    found: dict[str, float] = {}
-    for name in (n for n in known if n in given):
+    readable = (*names, *(n for n in DRIVE_INPUTS if table.side == "plant" and n not in names))
+    _refuse_unknown(table, "noise.input", given, readable, "input signal", problems)
+    variances: dict[str, float] = {}
+    for name in (n for n in readable if n in given):
         key = table.key(f"noise.input.{name}")
         with problems.catch(key):
             variance = to_si(given[name], variance_unit(name), problems.at(key))
             if variance < 0:
                 problems.add(key, f"a variance cannot be negative, got {variance:g}")
             elif variance * (factor or 0.0) > 0:
-                found[name] = variance * (factor or 0.0)
-    return found
+                variances[name] = variance * (factor or 0.0)
+    return variances
 
 
 def _refuse_zero(table: Stated, kind: Kind, variances: Mapping[str, float], problems: Problems) -> None:

@@ -44,22 +44,22 @@ def complete(
     stated = {key: value for key, value in table.items() if value is not None}
     vehicle = str(stated["vehicle"])
     name, chosen_for = _parameter_set(vehicle, stated.get("parameters"))
-    found = load_set(name, Path(), "parameters")
-    if found.vehicle != vehicle:
-        raise UserError(f"parameters: '{name}' holds values of vehicle '{found.vehicle}', not of '{vehicle}'")
-    notes = [*chosen_for, *([f"{found.source}: {found.warning}"] if found.warning else [])]
+    parameter_set = load_set(name, Path(), "parameters")
+    if parameter_set.vehicle != vehicle:
+        raise UserError(f"parameters: '{name}' holds values of vehicle '{parameter_set.vehicle}', not of '{vehicle}'")
+    notes = [*chosen_for, *([f"{parameter_set.source}: {parameter_set.warning}"] if parameter_set.warning else [])]
     effects = tuple(stated.get("effects") or ())
-    if effects and found.effects and effects != found.effects:
-        chosen, there = ", ".join(effects), ", ".join(found.effects)
-        notes.append(f"effects: the model has {chosen}, in place of {there} of {found.source}")
-    tyre = stated.get("tyre") or found.tyre
+    if effects and parameter_set.effects and effects != parameter_set.effects:
+        chosen, there = ", ".join(effects), ", ".join(parameter_set.effects)
+        notes.append(f"effects: the model has {chosen}, in place of {there} of {parameter_set.source}")
+    tyre = stated.get("tyre") or parameter_set.tyre
     if tyre is None and VEHICLES.load(vehicle).AXLES:
         tyre = _TYRE
-    sensors = stated.get("sensors") or found.sensors
-    if stated.get("sensors") and found.sensors and sensors != found.sensors:
-        notes.append(f"sensors: {sensors}, in place of {found.sensors} of {found.source}")
+    sensors = stated.get("sensors") or parameter_set.sensors
+    if stated.get("sensors") and parameter_set.sensors and sensors != parameter_set.sensors:
+        notes.append(f"sensors: {sensors}, in place of {parameter_set.sensors} of {parameter_set.source}")
     if sensors is None and choose_sensors and recordings is not None:
-        sensors, about = _most_sensors(vehicle, tyre, recordings, _noise_known(stated, found))
+        sensors, about = _most_sensors(vehicle, tyre, recordings, _noise_known(stated, parameter_set))
         notes += about
     elif sensors is None and choose_sensors:
         sensors = _usual_sensors(vehicle, tyre)
@@ -92,9 +92,9 @@ def _usual(vehicle: str, what: str, fit: Sequence[str]) -> str | None:
     return named if named in fit else fit[0] if len(fit) == 1 else None
 
 
-def _noise_known(stated: Mapping[str, Any], found: ParameterSet) -> set[str]:
+def _noise_known(stated: Mapping[str, Any], parameter_set: ParameterSet) -> set[str]:
     """Return the outputs whose noise a model's table or its parameter set states."""
-    return {*found.measurement, *((stated.get("noise") or {}).get("measurement") or {})}
+    return {*parameter_set.measurement, *((stated.get("noise") or {}).get("measurement") or {})}
 
 
 def fitting_sensors(vehicle: str, tyre: str | None) -> list[str]:
@@ -122,12 +122,12 @@ def largest_sensors(table: Mapping[str, Any]) -> str:
     sets = _outputs(table["vehicle"], table.get("tyre"))
     if not sets:
         raise UserError(f"sensors: no set measures what '{table['vehicle']}' publishes; list what is measured")
-    known = _noise_known(table, load_set(str(table["parameters"]), Path(), "parameters"))
-    return _named(sets, [o for o in _every(sets) if o in known]) or next(iter(sets))
+    with_noise = _noise_known(table, load_set(str(table["parameters"]), Path(), "parameters"))
+    return _named(sets, [o for o in _every(sets) if o in with_noise]) or next(iter(sets))
 
 
 def _most_sensors(
-    vehicle: str, tyre: str | None, recordings: Sequence[Iterable[Hashable]], known: set[str]
+    vehicle: str, tyre: str | None, recordings: Sequence[Iterable[Hashable]], with_noise: set[str]
 ) -> tuple[str, tuple[str, ...]]:
     """Return the sensors that use all signals of the recordings whose noise is known, and what further ones would need.
 
@@ -140,8 +140,8 @@ def _most_sensors(
     recorded = [o for o in every if o in there]
     if not recorded:
         raise UserError(f"sensors: the recordings hold nothing that sensors of '{vehicle}' measure: {', '.join(every)}")
-    chosen = _named(sets, [o for o in recorded if o in known])
-    unknown, lacking = [o for o in recorded if o not in known], [o for o in every if o not in there]
+    chosen = _named(sets, [o for o in recorded if o in with_noise])
+    unknown, lacking = [o for o in recorded if o not in with_noise], [o for o in every if o not in there]
     if chosen is None:
         raise UserError(
             f"sensors: nobody knows the noise of {', '.join(recorded)}; state the variance, by the key "
@@ -154,7 +154,7 @@ def _most_sensors(
             "variance in [measurement_noise] of a parameter file"
         )
     if lacking:
-        used = "" if "," in chosen else f" ({', '.join(sorted(known.intersection(recorded)))})"
+        used = "" if "," in chosen else f" ({', '.join(sorted(with_noise.intersection(recorded)))})"
         notes.append(
             f"sensors: {chosen}{used}; the recordings lack {', '.join(lacking)}, and what only that would show "
             "cannot be found"
@@ -164,8 +164,8 @@ def _most_sensors(
 
 def _outputs(vehicle: str, tyre: str | None) -> dict[str, list[str]]:
     """Return what each set of sensors measures of a vehicle, the largest first."""
-    found = {n: list(SENSORS.load(n).OUTPUTS) for n in fitting_sensors(vehicle, tyre)}
-    return dict(sorted(found.items(), key=lambda item: -len(item[1])))
+    outputs = {n: list(SENSORS.load(n).OUTPUTS) for n in fitting_sensors(vehicle, tyre)}
+    return dict(sorted(outputs.items(), key=lambda item: -len(item[1])))
 
 
 def _every(sets: Mapping[str, list[str]]) -> list[str]:
@@ -175,8 +175,8 @@ def _every(sets: Mapping[str, list[str]]) -> list[str]:
 
 def _named(sets: Mapping[str, list[str]], wanted: Sequence[str]) -> str | None:
     """Return sensors that measure some outputs: the set that does, or the outputs themselves; none of nothing."""
-    found = next((n for n, outputs in sets.items() if set(outputs) == set(wanted)), ", ".join(wanted))
-    return found if wanted else None
+    sensors = next((n for n, outputs in sets.items() if set(outputs) == set(wanted)), ", ".join(wanted))
+    return sensors if wanted else None
 
 
 def _fits(vehicle: str, tyre: str | None, sensors: str) -> bool:

@@ -7,12 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from harness.common import registry
 from harness.common.errors import MissingFileError, UserError
 from harness.common.files import read_toml, toml_text
-from harness.config.problems import Problems, add_validation_errors
+from harness.config.problems import Problems, validated
 from harness.config.schema import ParameterFile
 from harness.config.specs import ModelSpec
 from harness.models.assembly.placement import load_effect, possible_parameters
@@ -99,12 +97,9 @@ def set_from_file(name: str, folder: Path, where: str) -> ParameterSet:
     if path is None:
         raise MissingFileError(f"{where}: there is no parameter file '{name}' in {folder} or the working directory")
     inner = Problems(str(path))
-    try:
-        raw = ParameterFile.model_validate(read_toml(path))
-    except ValidationError as error:
-        add_validation_errors(inner, error, ParameterFile)
-        inner.stop()
-        raise
+    raw = validated(read_toml(path), ParameterFile, inner)
+    inner.stop()
+    assert raw is not None
     units = _parameter_units(raw.vehicle)
     numbers: dict[str, dict[str, float]] = {"values": {}, "std": {}, "process_noise": {}, "measurement_noise": {}}
     for group, target in numbers.items():
@@ -167,11 +162,11 @@ def stated_std(spec: ModelSpec) -> dict[str, float]:
     It is the one that its parameter set states; elsewhere a tenth of the value, and of what is zero a tenth of the
     larger bound.
     """
-    known, found = set_std(spec), {}
+    stated, std = set_std(spec), {}
     for p in spec.model().parameters:
         size = abs(spec.values[p.name]) or max(abs(p.lower), abs(p.upper))
-        found[p.name] = known.get(p.name, RELATIVE_STD * size)
-    return found
+        std[p.name] = stated.get(p.name, RELATIVE_STD * size)
+    return std
 
 
 def set_text(

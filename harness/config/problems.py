@@ -6,11 +6,14 @@ import types
 import typing
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
 from harness.common.errors import ModelError, UserError
 from harness.common.registry import closest
+
+_Table = TypeVar("_Table", bound=BaseModel)
 
 TEXT, TABLE, LIST = FORMS = "(text)", "(table)", "(list)"
 """Tags of the forms of a key that takes more than one; pydantic puts them in the place of an error."""
@@ -28,7 +31,7 @@ class Problems:
         self.file, self._root = file, root
         self._lines: list[str] = []
 
-    def of(self, file: str) -> Problems:
+    def for_file(self, file: str) -> Problems:
         """Return a collector for another file that belongs to the study; both are raised together."""
         other = Problems(file)
         other._lines = self._lines
@@ -80,7 +83,25 @@ def key_path(location: Sequence[str | int]) -> str:
     return text
 
 
-def add_validation_errors(problems: Problems, error: ValidationError, table: type[BaseModel], prefix: str = "") -> None:
+def validated(content: Any, table: type[_Table], problems: Problems, prefix: str = "") -> _Table | None:
+    """Return content as a table, or ``None`` where something is wrong with it, which is noted.
+
+    Args:
+        content: Keys and values as in a file.
+        table: The model of it.
+        problems: Where problems are noted.
+        prefix: Key path of the table.
+    """
+    try:
+        return table.model_validate(content)
+    except ValidationError as error:
+        _add_validation_errors(problems, error, table, prefix)
+        return None
+
+
+def _add_validation_errors(
+    problems: Problems, error: ValidationError, table: type[BaseModel], prefix: str = ""
+) -> None:
     """Note every error that pydantic found, in words that say how to mend it.
 
     Args:
@@ -93,16 +114,16 @@ def add_validation_errors(problems: Problems, error: ValidationError, table: typ
         location = [part for part in item["loc"] if part not in FORMS]
         place = key_path([*([prefix] if prefix else []), *location])
         if item["type"] == "extra_forbidden":
-            known = keys_at(table, location[:-1])
-            problems.add(place, f"unknown key '{location[-1]}'{closest(str(location[-1]), known)}")
+            keys = keys_at(table, location[:-1])
+            problems.add(place, f"unknown key '{location[-1]}'{closest(str(location[-1]), keys)}")
         elif item["type"] == "missing":
             problems.add(place, f"this key is required; add '{location[-1]}'")
         elif item["type"] == "too_short":
             least, there = item["ctx"]["min_length"], item["ctx"]["actual_length"]
             problems.add(place, f"{'is empty' if not there else f'has {there}'}; give at least {least}")
         elif item["type"] in ("model_type", "dict_type"):
-            known = keys_at(table, location)
-            which = f" with {', '.join(known)}" if known else ""
+            keys = keys_at(table, location)
+            which = f" with {', '.join(keys)}" if keys else ""
             problems.add(place, f"expected a table{which}, got {item['input']!r}")
         elif item["type"] == "string_pattern_mismatch":  # the one pattern there is: names that become files
             problems.add(place, f"{item['input']!r} cannot be the name of a file; use letters, digits, '-', '_', '.'")

@@ -18,15 +18,15 @@ def limits(raw: StudyFile, problems: Problems) -> dict[str, float]:
     """
     from harness.common.units import to_si
 
-    found: dict[str, float] = {}
+    largest: dict[str, float] = {}
     for name, written in raw.limits.items():
         key = f"limits.{name}"
         if name not in raw.targets:
             problems.add(key, f"a limit belongs to a target, '{name}' is none{closest(name, raw.targets)}")
             continue
         with problems.catch(key):
-            found[name] = to_si(written, SIGNALS[name].unit if name in SIGNALS else "", problems.at(key))
-            if not found[name] > 0.0:
+            largest[name] = to_si(written, SIGNALS[name].unit if name in SIGNALS else "", problems.at(key))
+            if not largest[name] > 0.0:
                 problems.add(key, f"an RMSE is never below zero; give a positive limit, not {written!r}")
     for i, design in enumerate(raw.design):
         if design.sampling == "tolerance" and not raw.limits:
@@ -35,7 +35,7 @@ def limits(raw: StudyFile, problems: Problems) -> dict[str, float]:
                 "a tolerance map needs the error that counts as tolerable; add a table [limits] with an RMSE for a "
                 f"target, e.g. {raw.targets[0]} = ...",
             )
-    return found
+    return largest
 
 
 def score_after(raw: StudyFile, problems: Problems) -> float:
@@ -43,10 +43,10 @@ def score_after(raw: StudyFile, problems: Problems) -> float:
     from harness.common.units import to_si
 
     with problems.catch("score_after"):
-        found = to_si(raw.score_after, "s", problems.at("score_after"))
-        if found < 0:
-            problems.add("score_after", f"a time from the beginning of a drive is not negative, got {found:g} s")
-        return found
+        seconds = to_si(raw.score_after, "s", problems.at("score_after"))
+        if seconds < 0:
+            problems.add("score_after", f"a time from the beginning of a drive is not negative, got {seconds:g} s")
+        return seconds
     return 0.0
 
 

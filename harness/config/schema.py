@@ -71,7 +71,7 @@ def _one_of(*forms: str) -> Discriminator:
 Text = Annotated[Name, Tag(TEXT)]
 
 
-class Table(BaseModel):
+class StrictTable(BaseModel):
     """A table of the file: unknown keys are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -88,7 +88,7 @@ class OpenTable(BaseModel):
         return dict(self.__pydantic_extra__ or {})
 
 
-class NoiseTable(Table):
+class NoiseTable(StrictTable):
     """``[plant.noise]``, ``[belief.noise]``."""
 
     process_scale: Quantity | None = Field(default=None, description="factor on every process-noise variance")
@@ -106,7 +106,7 @@ class NoiseTable(Table):
     )
 
 
-class UncertainTable(Table):
+class UncertainTable(StrictTable):
     """An entry of ``unknown_parameters`` or ``considered_parameters`` with more than a name."""
 
     name: Name = Field(description="parameter of the model or of its load")
@@ -122,7 +122,7 @@ class UncertainTable(Table):
 UncertainParameter = Annotated[Text | Annotated[UncertainTable, Tag(TABLE)], _one_of(TEXT, TABLE)]
 
 
-class ModelTable(Table):
+class ModelTable(StrictTable):
     """``[plant]``, ``[belief]``."""
 
     vehicle: Name | None = Field(default=None, description="file in models/vehicles")
@@ -166,7 +166,7 @@ class DriveTable(OpenTable):
     kind: Name = Field(description="file in models/drives")
 
 
-class DrivesFile(Table):
+class DrivesFile(StrictTable):
     """A file of drives, ``studies/drives/<name>.toml``."""
 
     title: StrictStr = Field(default="", description="what the drives are for")
@@ -184,7 +184,7 @@ class EstimatorTable(OpenTable):
     )
 
 
-class VarianceFactorsTable(Table):
+class VarianceFactorsTable(StrictTable):
     """``[tuning.estimator.<name>]``: factors on the variances that an estimator believes."""
 
     process: Number = Field(description="on those of the states")
@@ -192,7 +192,7 @@ class VarianceFactorsTable(Table):
     measurement: Number = Field(description="on those of the outputs")
 
 
-class TuningTable(Table):
+class TuningTable(StrictTable):
     """``[tuning]``: the content of a tuning file in the place of its name."""
 
     rule: StrictStr = Field(default="stated", description="how the factors came about")
@@ -213,7 +213,7 @@ MOST_LEVELS = 1000
 Levels = Annotated[list[Quantity], Field(min_length=1, max_length=MOST_LEVELS)]
 
 
-class FactorTable(Table):
+class FactorTable(StrictTable):
     """``[[design.factor]]``: exactly one of ``levels``, ``shift``, ``bands`` and ``range``."""
 
     parameter: Name = Field(
@@ -244,7 +244,7 @@ class FactorTable(Table):
     labels: list[StrictStr] | None = Field(default=None, description="one label per band, instead of the default")
 
 
-class DesignTable(Table):
+class DesignTable(StrictTable):
     """``[[design]]``."""
 
     name: FileName = Field(description="unique name")
@@ -266,7 +266,7 @@ class DesignTable(Table):
     )
 
 
-class HistoryTable(Table):
+class HistoryTable(StrictTable):
     """``[history]``, or ``[[history]]`` for several: a run that is drawn over time."""
 
     name: StrictStr = Field(default="", description="what the report calls it; default: band and drive")
@@ -282,7 +282,7 @@ class HistoryTable(Table):
     )
 
 
-class OverTimeTable(Table):
+class OverTimeTable(StrictTable):
     """``sensitivity_over_time`` of ``[report]``."""
 
     design: Name = Field(description="name of a design with sampling = 'saltelli'")
@@ -290,7 +290,7 @@ class OverTimeTable(Table):
     window: Quantity = Field(default="1 s", description="length of the windows in which the error is taken")
 
 
-class ReportTable(Table):
+class ReportTable(StrictTable):
     """``[report]``: what the report shows beyond what every report shows."""
 
     sensitivity_over_time: OverTimeTable | None = Field(
@@ -306,7 +306,7 @@ Histories = Annotated[
 ]
 
 
-class CountTable(Table):
+class CountTable(StrictTable):
     """``count_from``: where the counts begin that the random numbers of a run depend on."""
 
     drive: Annotated[StrictInt, Field(ge=0)] = Field(default=0, description="count of the first drive")
@@ -314,7 +314,7 @@ class CountTable(Table):
     repeat: Annotated[StrictInt, Field(ge=0)] = Field(default=0, description="count of the first repeat")
 
 
-class StudyFile(Table):
+class StudyFile(StrictTable):
     """A study: the errors of estimators when the plant departs from the belief."""
 
     name: FileName = Field(description="name of the result folder")
@@ -359,7 +359,7 @@ class StudyFile(Table):
         return {f"history[{i}]": table for i, table in enumerate(self.history)}
 
 
-class ParameterFile(Table):
+class ParameterFile(StrictTable):
     """A parameter set as a TOML file, for a vehicle without a file in ``models/parameters``."""
 
     vehicle: Name = Field(description="file in models/vehicles")

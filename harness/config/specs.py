@@ -1,4 +1,4 @@
-"""What a study says once everything is resolved: names checked, units SI, defaults filled in.
+"""Resolved specifications of a study: names checked, units SI, defaults filled in.
 
 All later stages read these records and never the TOML file.
 """

@@ -74,5 +74,5 @@ def as_table(path: Path) -> dict[str, Any]:
 def _in_words(content: dict[str, Any]) -> str:
     """Return the rule of a tuning file, its drives and its budget in words."""
     drives = content["drives"]
-    of = ", ".join(drives) if len(drives) <= _NAMED else f"{len(drives)} drives"
-    return f"{content['rule']} ({of}; {int(content['budget'])} candidates each)"
+    trained_on = ", ".join(drives) if len(drives) <= _NAMED else f"{len(drives)} drives"
+    return f"{content['rule']} ({trained_on}; {int(content['budget'])} candidates each)"

@@ -38,17 +38,17 @@ def parameter_states(
         std: How well values are known, where the parameter set states it.
         problems: Where problems are noted.
     """
-    known = {p.name: p for p in model.parameters} | loading_parameters(vehicle)
-    found: dict[str, ParameterState] = {}
+    parameters = {p.name: p for p in model.parameters} | loading_parameters(vehicle)
+    states: dict[str, ParameterState] = {}
     load: dict[str, float] = {}
     for name, (where, entries) in stated.items():
         for i, entry in enumerate(entries):
             key = f"{where}[{i}]"
             table = UncertainTable(name=entry) if isinstance(entry, str) else entry
-            if table.name not in known:
-                near = registry.closest(table.name, list(known))
+            if table.name not in parameters:
+                near = registry.closest(table.name, list(parameters))
                 problems.add(key, f"the belief has no parameter '{table.name}'{near}")
-            elif table.name in found:
+            elif table.name in states:
                 problems.add(key, f"'{table.name}' is named twice; remove one")
             else:
                 if table.name in loading_parameters(vehicle) and not load:
@@ -57,11 +57,11 @@ def parameter_states(
                     if not load:
                         continue
                 believed = {**values, **load}[table.name]
-                state = _state(table, known[table.name], believed, std, KEYS[name], key, problems)
+                state = _state(table, parameters[table.name], believed, std, KEYS[name], key, problems)
                 if state is not None:
-                    found[table.name] = state
-    _refuse_following(found, vehicle, values, stated, problems)
-    return tuple(found.values())
+                    states[table.name] = state
+    _refuse_following(states, vehicle, values, stated, problems)
+    return tuple(states.values())
 
 
 def _state(
@@ -105,14 +105,14 @@ def _state(
 
 
 def _refuse_following(
-    found: Mapping[str, ParameterState],
+    states: Mapping[str, ParameterState],
     vehicle: str,
     values: Mapping[str, float],
     stated: Mapping[str, tuple[str, list[Any]]],
     problems: Problems,
 ) -> None:
     """Refuse what follows from a load that is uncertain as well."""
-    of_load = {n: s.believed for n, s in found.items() if n in loading_parameters(vehicle)}
+    of_load = {n: s.believed for n, s in states.items() if n in loading_parameters(vehicle)}
     if not of_load:
         return
     try:
@@ -120,7 +120,7 @@ def _refuse_following(
     except ModelError as error:
         problems.add(next(iter(stated.values()))[0], str(error))
         return
-    for name in found:
+    for name in states:
         if name in follows:
-            where = next(w for n, (w, _) in stated.items() if KEYS[n] == found[name].considered)
+            where = next(w for n, (w, _) in stated.items() if KEYS[n] == states[name].considered)
             problems.add(where, f"'{name}' follows from the load, which is uncertain as well; remove one of the two")

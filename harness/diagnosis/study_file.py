@@ -27,21 +27,21 @@ from pydantic import Field, StrictBool, StrictInt
 
 from harness.common.registry import closest
 from harness.config.problems import Problems
-from harness.config.schema import Name, Table
+from harness.config.schema import Name, StrictTable
 from harness.diagnosis.result.estimator_gain import ESTIMATORS
 from harness.diagnosis.result.study_gain import REPEATS
 from harness.identification.measured_file import MeasuredFile, MeasuredStudy, SpanTable
 from harness.models.roles import EFFECTS
 
 
-class ExcludeTable(Table):
+class ExcludeTable(StrictTable):
     """An effect that is not to be tried."""
 
     effect: Name = Field(description="file in models/effects")
     reason: Name = Field(description="why it cannot be there")
 
 
-class ChangedTable(Table):
+class ChangedTable(StrictTable):
     """Drives in which the vehicle may have changed."""
 
     question: Name = Field(description="title of its report")
@@ -49,7 +49,7 @@ class ChangedTable(Table):
     test: list[SpanTable] = Field(min_length=1, description="held-out drives")
 
 
-class WorthTable(Table):
+class WorthTable(StrictTable):
     """A study with the amended plant, in which the estimators believe either model."""
 
     study: Name = Field(description="study file, from this file; of the same vehicle and tyre")

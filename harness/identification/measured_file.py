@@ -31,7 +31,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 import xarray as xr
-from pydantic import Field, StrictBool, StrictStr, ValidationError
+from pydantic import Field, StrictBool, StrictStr
 
 from harness.common import locations
 from harness.common.errors import UserError
@@ -39,8 +39,8 @@ from harness.common.files import read_toml
 from harness.common.registry import closest
 from harness.common.units import to_si
 from harness.config import ModelSpec, resolve_single
-from harness.config.problems import Problems, add_validation_errors
-from harness.config.schema import ModelTable, Name, Quantity, Table
+from harness.config.problems import Problems, validated
+from harness.config.schema import ModelTable, Name, Quantity, StrictTable
 from harness.identification.data import steered
 from harness.recordings.read.load import load_recording
 from harness.recordings.smooth.road_bank_map import with_bank
@@ -96,7 +96,7 @@ def refuse_repeated(names: Sequence[str], where: str) -> None:
             raise UserError(f"{where}: '{name}' is named {names.count(name)} times; name it once")
 
 
-class SpanTable(Table):
+class SpanTable(StrictTable):
     """A span of a recording."""
 
     file: Name = Field(description="recording, from the folder of recordings")
@@ -104,7 +104,7 @@ class SpanTable(Table):
     span: tuple[Quantity, Quantity] | None = Field(default=None, description="start and end time; all if absent")
 
 
-class MeasuredFile(Table):
+class MeasuredFile(StrictTable):
     """The keys that every file about measured drives has."""
 
     title: Name = Field(description="title of the report")
@@ -148,12 +148,9 @@ class MeasuredStudy:
             UserError: If anything in it is wrong; one line per problem.
         """
         problems = Problems(str(path))
-        try:
-            raw = cls.SCHEMA.model_validate(read_toml(path))
-        except ValidationError as error:
-            add_validation_errors(problems, error, cls.SCHEMA)
-            problems.stop()
-            raise
+        raw = validated(read_toml(path), cls.SCHEMA, problems)
+        problems.stop()
+        assert raw is not None
         channels = None
         if raw.channels:
             local = path.parent / raw.channels

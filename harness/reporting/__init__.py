@@ -1,1 +1,1 @@
-"""What every report needs: blocks of content, layout, colours and number formats."""
+"""Content blocks, layout, colours and number formats of reports."""

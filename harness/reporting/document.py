@@ -146,16 +146,16 @@ def made(blocks: Iterable[Block], failures: Failures = RAISED) -> list[Block]:
         blocks: Of a report.
         failures: Takes what cannot be made; by default it is raised.
     """
-    found: list[Block] = []
+    finished: list[Block] = []
     for block in blocks:
         match block:
             case Section():
-                found += _section(block, failures)
+                finished += _section(block, failures)
             case Drawing():
-                found.append(_picture(block, failures))
+                finished.append(_picture(block, failures))
             case _:
-                found.append(block)
-    return found
+                finished.append(block)
+    return finished
 
 
 def _section(section: Section, failures: Failures) -> list[Block]:
@@ -177,8 +177,8 @@ def _picture(drawing: Drawing, failures: Failures) -> Block:
 
 def _string(text: str) -> str:
     """Write a Typst string literal; what neither HTML nor UTF-8 can hold becomes the replacement character."""
-    known = "".join(c if c in "\n\r\t" or unicodedata.category(c) not in ("Cc", "Cs") else "\ufffd" for c in str(text))
-    escaped = known.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n").replace("\t", "\\t")
+    held = "".join(c if c in "\n\r\t" or unicodedata.category(c) not in ("Cc", "Cs") else "\ufffd" for c in str(text))
+    escaped = held.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n").replace("\t", "\\t")
     return f'"{escaped}"'
 
 
@@ -208,9 +208,9 @@ def _block(block: Block) -> str:
             return markup
         case Bullets(items):
             return "\n".join("- " + item.replace("\n", " ") for item in items)
-        case Sheet(header, rows, caption, left):
+        case Sheet(header, rows, caption, text_columns):
             body = "".join(f"\n  {_array(row)}," for row in rows)
-            words = f"left: {left}, caption: {_string(caption)}, header: {_array(header)}"
+            words = f"left: {text_columns}, caption: {_string(caption)}, header: {_array(header)}"
             return f"#sheet({words}, rows: ({body}\n))"
         case Listing(text, language):
             return f"#raw(block: true, lang: {_string(language)}, {_string(text)})"

@@ -1,4 +1,4 @@
-"""Where figures go on paper: each on one page with its heading, and no page half empty for it.
+"""Placement of figures on paper: each on one page with its heading, and no page half empty for it.
 
 Typst breaks pages from front to back and never looks ahead, so that a figure that finds no room leaves the rest of its
 page empty, or, if it floats, is parted from its heading. Here the document is laid out, the first figure that did not
@@ -43,13 +43,13 @@ class Room:
 
 @dataclass(frozen=True)
 class Placed:
-    """How a figure was laid out; lengths in points.
+    """Layout of a figure; lengths in points.
 
     Attributes:
         number: Of the figure.
         begins: Page on which it, or its heading if it has one, would begin.
         stands: Page on which it stands.
-        left: From where it would begin to the end of that page.
+        room: From where it would begin to the end of that page.
         page: Height of a page without its margins.
         whole: Height of the heading, the text, the figure in full size and its caption.
         alone: Height of the figure in full size and its caption, with the distance to what follows.
@@ -61,7 +61,7 @@ class Placed:
     number: int
     begins: int
     stands: int
-    left: float
+    room: float
     page: float
     whole: float
     alone: float
@@ -79,28 +79,31 @@ class Placed:
         return min(1.0, 1.0 - (self.whole - room + _SLACK) / self.figure)
 
 
-def decided(of: Placed, floating: Sequence[Placed] = ()) -> dict[int, Room]:
+def decided(figure: Placed, floating: Sequence[Placed] = ()) -> dict[int, Room]:
     """Return what a figure is given that did not find room, or what one before it is given instead, by number.
 
     One that floats would keep a second one waiting for the page after its own, pages behind its heading: so the second
     does not float, and if that leaves more empty than the first one would have, neither does the first.
 
     Args:
-        of: The figure.
+        figure: The figure.
         floating: Figures that float; the pages that they stand on have less room.
     """
-    passed = [of.page - sum(f.alone for f in floating if f.stands == page) for page in range(of.begins + 1, of.stands)]
-    for left in (of.left, *passed):
-        if of.share(left) >= SMALLEST:
-            return {of.number: Room(of.share(left))}
-    empty = max(of.left, *passed, 0.0)
-    if empty > (EMPTY_BEFORE_TEXT if of.filled else EMPTY) * of.page:
-        first = next((f for f in floating if f.number < of.number and f.stands > of.begins), None)
+    passed = [
+        figure.page - sum(f.alone for f in floating if f.stands == page)
+        for page in range(figure.begins + 1, figure.stands)
+    ]
+    for room in (figure.room, *passed):
+        if figure.share(room) >= SMALLEST:
+            return {figure.number: Room(figure.share(room))}
+    empty = max(figure.room, *passed, 0.0)
+    if empty > (EMPTY_BEFORE_TEXT if figure.filled else EMPTY) * figure.page:
+        first = next((f for f in floating if f.number < figure.number and f.stands > figure.begins), None)
         if first is None:
-            return {of.number: Room(floats=True)}
-        if first.left < empty:
+            return {figure.number: Room(floats=True)}
+        if first.room < empty:
             return {first.number: Room()}
-    return {of.number: Room(of.share(of.page))}
+    return {figure.number: Room(figure.share(figure.page))}
 
 
 def lay_out(compiler: typst.Compiler, folder: Path) -> None:
@@ -114,11 +117,11 @@ def lay_out(compiler: typst.Compiler, folder: Path) -> None:
     while True:
         given = {number: asdict(r) for number, r in rooms.items() if r != Room()}
         write_files(folder, {"rooms.json": json.dumps(given)})
-        placed = [Placed(**told) for told in json.loads(compiler.query("<placed>", field="value"))]
+        placed = [Placed(**fields) for fields in json.loads(compiler.query("<placed>", field="value"))]
         floating = [p for p in placed if p.floats]
-        for one in placed:
-            if one.number not in rooms and one.lacks:
-                now = decided(one, floating)
+        for figure in placed:
+            if figure.number not in rooms and figure.lacks:
+                now = decided(figure, floating)
                 changes = any(rooms.get(number, Room()) != r for number, r in now.items())
                 rooms |= now
                 if changes:

@@ -1,4 +1,4 @@
-"""What the HTML of a report can do that paper cannot: numbers on hover, series on and off, scales, sorted tables.
+"""Interactive HTML of reports: numbers on hover, series on and off, scales, sorted tables.
 
 All of it works in the one file, without a server and without anything loaded from elsewhere. Without scripts the page
 is what it is on paper. A content security policy allows the one script below and no other, so that no name in a study
@@ -35,10 +35,10 @@ def page(text: str) -> bytes:
     body, end, rest = rest.rpartition("</body>")
     number = 0
 
-    def drawn(found: re.Match[str]) -> str:
+    def drawn(match: re.Match[str]) -> str:
         nonlocal number
         number += 1
-        return _inline(base64.b64decode(found[1]).decode("utf-8"), html.unescape(found[2]), f"f{number}-")
+        return _inline(base64.b64decode(match[1]).decode("utf-8"), html.unescape(match[2]), f"f{number}-")
 
     allowed = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     policy = f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'sha256-{allowed}'"

@@ -1,4 +1,4 @@
-"""How everything looks: one place for colours, hatches, markers, fonts and number formats."""
+"""Colours, hatches, markers, fonts and number formats of all reports."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ RC: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class Look:
-    """How an estimator is drawn, everywhere."""
+    """Colour, hatch, marker and line of an estimator in all figures."""
 
     colour: str
     hatch: str
@@ -115,19 +115,19 @@ _USUAL = {"EKF": 0, "UKF": 1, "CDKF": 2, "STCDKF": 3, "PF": 4, "NARX": 5, "KF": 
 
 def looks(estimators: Sequence[str]) -> dict[str, Look]:
     """Return the look of each estimator; no two are alike, however many there are."""
-    found: dict[str, int] = {}
+    slots: dict[str, int] = {}
     for name in estimators:
         usual, comma, _ = name.partition(",")
         slot = _USUAL.get("".join(c for c in usual.upper() if c.isalnum()))
         if slot is not None and comma:
             slot += len(_LOOKS)
-        if slot is not None and slot not in found.values():
-            found[name] = slot
-    free = (k for k in range(2 * len(_LOOKS) + len(estimators)) if k not in found.values())
+        if slot is not None and slot not in slots.values():
+            slots[name] = slot
+    free = (k for k in range(2 * len(_LOOKS) + len(estimators)) if k not in slots.values())
     for name in estimators:
-        if name not in found:
-            found[name] = next(free)
-    return {name: _look(slot) for name, slot in found.items()}
+        if name not in slots:
+            slots[name] = next(free)
+    return {name: _look(slot) for name, slot in slots.items()}
 
 
 def _look(slot: int) -> Look:
@@ -239,13 +239,13 @@ def svg(fig: Figure) -> bytes:
             axes.yaxis.set_gid(_AXIS + " ".join([axes.get_yscale(), *(f"{end:.6g}" for end in ends)]))
     stream = io.BytesIO()
     fig.savefig(stream, format="svg", metadata={"Date": None, "Creator": None}, dpi=200)
-    text = _MARKED.sub(_told, stream.getvalue().decode("utf-8"))
+    text = _MARKED.sub(_titled, stream.getvalue().decode("utf-8"))
     return text.replace(f'<g id="{_AXIS}', '<g data-axis="').encode()
 
 
-def _told(found: re.Match[str]) -> str:
+def _titled(match: re.Match[str]) -> str:
     """Return the group of an artist with what ``mark`` said of it, in the words of SVG."""
-    series, text = json.loads(unquote(found[1]))
+    series, text = json.loads(unquote(match[1]))
     named = f' data-series="{html.escape(series)}"' if series else ""
     return f"<g{named}><title>{html.escape(text)}</title>"
 
@@ -261,7 +261,7 @@ def _lay_out(fig: Figure) -> None:
     first = fig.axes[0].get_subplotspec()
     assert first is not None  # every panel is of subplots
     grid, places = first.get_gridspec(), []
-    left, right = np.zeros(grid.ncols), np.zeros(grid.ncols)
+    margin_left, margin_right = np.zeros(grid.ncols), np.zeros(grid.ncols)
     above, below = np.zeros(grid.nrows), np.zeros(grid.nrows)
     for axes in fig.axes:
         _fold_title(axes, renderer)
@@ -271,15 +271,16 @@ def _lay_out(fig: Figure) -> None:
         assert at is not None
         row, column = at.rowspan.start, at.colspan.start
         places.append((axes, row, column))
-        left[column], right[column] = max(left[column], box.x0 - outer.x0), max(right[column], outer.x1 - box.x1)
+        margin_left[column] = max(margin_left[column], box.x0 - outer.x0)
+        margin_right[column] = max(margin_right[column], outer.x1 - box.x1)
         above[row], below[row] = max(above[row], outer.y1 - box.y1), max(below[row], box.y0 - outer.y0)
     pad = _PAD * fig.dpi
     top = _used.get(fig, 0.0) * fig.dpi
-    left, right, above, below = left + pad, right + pad, above + pad, below + pad
+    margin_left, margin_right, above, below = margin_left + pad, margin_right + pad, above + pad, below + pad
     tall = max((height - top - above.sum() - below.sum()) / grid.nrows, 0.2 * fig.dpi)
     ratios = np.array(grid.get_width_ratios())
-    wide = (width - left.sum() - right.sum()) * ratios / ratios.sum()
-    x = np.cumsum(left + wide + right) - right - wide
+    wide = (width - margin_left.sum() - margin_right.sum()) * ratios / ratios.sum()
+    x = np.cumsum(margin_left + wide + margin_right) - margin_right - wide
     y = height - top - np.cumsum(above + tall + below) + below
     for axes, row, column in places:
         axes.set_position((x[column] / width, y[row] / height, wide[column] / width, tall / height))

@@ -92,8 +92,8 @@ class Builder:
                     self._shared[declared.name] = effect
         if first:
             self._places[name].append(place)
-            for found, what in ((self.noise, "NOISE"), (self.start_variance, "START_VARIANCE")):
-                found |= {stem + suffix(place): variance for stem, variance in getattr(effect, what, {}).items()}
+            for variances, export in ((self.noise, "NOISE"), (self.start_variance, "START_VARIANCE")):
+                variances |= {stem + suffix(place): value for stem, value in getattr(effect, export, {}).items()}
         return names
 
     def own_state(self, owner: str, name: str, start: float | str | None = None) -> sp.Symbol:
@@ -255,13 +255,13 @@ class Builder:
         if missing:
             kind = "next value" if discrete else "derivative"
             raise ModelError(f"'{self.vehicle_name}': no {kind} for {', '.join(missing)}")
-        known = [*self.states, *self.inputs, *self.ports]
+        names = [*self.states, *self.inputs, *self.ports]
         output_expressions: dict[str, sp.Expr] = {}
         for name, measured in outputs.items():
-            if measured not in known:
+            if measured not in names:
                 raise ModelError(
                     f"sensor '{name}' measures '{measured}', which '{self.vehicle_name}' does not publish"
-                    f"{registry.closest(measured, known)}"
+                    f"{registry.closest(measured, names)}"
                 )
             output_expressions[name] = self.port(f"sensor_{name}", symbol(measured))
         self._check_effects_act()
@@ -302,17 +302,17 @@ class Builder:
         parameters = {symbol(n) for n in self.parameters}
         fixed: dict[sp.Symbol, sp.Expr] = {}
         flags: dict[sp.Symbol, set[sp.Symbol]] = {}
-        found: dict[str, sp.Expr] = {}
+        guarded: dict[str, sp.Expr] = {}
         for name, expr in ports.items():
             own = {c.args[0] for c in expr.atoms(present)}
             flags[symbol(name)] = own.union(*(flags.get(s, set()) for s in expr.free_symbols))
             without = expr.replace(present, lambda flag, with_effect, without: without).xreplace(fixed)
-            found[name] = expr
+            guarded[name] = expr
             if without.free_symbols <= parameters:
                 fixed[symbol(name)] = without
                 if flags[symbol(name)] and name not in self._named:
-                    found[name] = present(any_of(flags[symbol(name)]), expr, without)
-        return found
+                    guarded[name] = present(any_of(flags[symbol(name)]), expr, without)
+        return guarded
 
     def _check_effects_act(self) -> None:
         """Refuse an effect whose port is not published, or whose place does not exist."""

@@ -1,4 +1,4 @@
-"""Which effects of the library a vehicle can have, one place at a time: the candidates for what a model lacks."""
+"""Effects of the library that a vehicle can have, one place at a time: the candidates for additions to a model."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def placements(vehicle: str, tyre: str | None, sensors: str | None) -> tuple[str
     """
     ports = assembled(vehicle, tyre, (), sensors).ports
     layout = Layout.of(VEHICLES.load(vehicle))
-    found: list[str] = []
+    effects: list[str] = []
     for file in EFFECTS.names():
         effect = EFFECTS.load(file)
         places = dict.fromkeys(site.place for port in ports for site in sites(effect, port, layout))
@@ -43,5 +43,5 @@ def placements(vehicle: str, tyre: str | None, sensors: str | None) -> tuple[str
                 assembled(vehicle, tyre, (name,), sensors)
             except ModelError:
                 continue
-            found.append(name)
-    return tuple(found)
+            effects.append(name)
+    return tuple(effects)

@@ -1,4 +1,4 @@
-"""What tyres and effects are handed while a model is assembled: reading by name, own parameters, own states."""
+"""Contexts of tyres and effects while a model is assembled: reading by name, own parameters, own states."""
 
 from __future__ import annotations
 

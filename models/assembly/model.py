@@ -134,8 +134,8 @@ class Model:
             return symbol(name)
         if name in self.estimated:
             return symbol(self.estimated[name])
-        known = [*self.states, *self.inputs, *self.ports, *self.estimated]
-        raise ModelError(f"model '{self.name}' has no quantity '{name}'{registry.closest(name, known)}")
+        names = [*self.states, *self.inputs, *self.ports, *self.estimated]
+        raise ModelError(f"model '{self.name}' has no quantity '{name}'{registry.closest(name, names)}")
 
     def expand(self, expr: sp.Expr) -> sp.Expr:
         """Write an expression in states, inputs and parameters only, all ports substituted."""

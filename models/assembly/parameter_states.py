@@ -90,15 +90,15 @@ def with_parameters(model: Model, states: Sequence[ParameterState], vehicle: Mod
         ModelError: If one of them is no parameter, follows from the load or cannot be estimated.
     """
     load = {p.name: p for p in getattr(vehicle, "LOADING", ())}
-    known = {p.name: p for p in model.parameters} | load
+    declared = {p.name: p for p in model.parameters} | load
     believed: dict[str, sp.Expr] = {p.name: symbol(p.name) for p in model.parameters}
     if load:
         believed |= vehicle.loading(believed)
     now: dict[str, sp.Expr] = {}
     within: dict[str, sp.Expr] = {}
     for s in states:
-        now[s.name] = _value(s, believed[s.name], _inside(s, known[s.name], believed[s.name]))
-        within[s.state] = _inside(s, known[s.name], believed[s.name], MARGIN)
+        now[s.name] = _value(s, believed[s.name], _inside(s, declared[s.name], believed[s.name]))
+        within[s.state] = _inside(s, declared[s.name], believed[s.name], MARGIN)
     changed = {symbol(f"{name}_now"): value for name, value in now.items()}
     follows = {}
     if any(name in load for name in now):
@@ -111,9 +111,9 @@ def with_parameters(model: Model, states: Sequence[ParameterState], vehicle: Mod
     names = [*now, *follows]
     instead = {symbol(n): symbol(f"{n}_now") for n in names if n not in load}
     for name in names:
-        _announce(known[name])
+        _announce(declared[name])
     for s in states:
-        _announce_state(s, known[s.name])
+        _announce_state(s, declared[s.name])
     ports = {str(port): value for port, value in changed.items()}
     return replace(
         model,

@@ -1,4 +1,4 @@
-"""Where an effect acts: the ports of a vehicle that it changes, and the places that have parameters of their own.
+"""Placement of effects: the ports of a vehicle that they change, and the places that have parameters of their own.
 
 An effect names its ports by templates. ``external_lateral_force{body}`` is that force of every body,
 ``external_yaw_moment{leader}`` that of the first, ``slip_angle_axle_{axle}`` every axle's, ``sensor_{output}``

@@ -110,10 +110,10 @@ class Planner:
         own = [f"axle_{axle}" for axle in model.axles]
         ports = own or [p.removeprefix("slip_angle_") for p in model.ports if p.startswith("slip_angle_")]
         axles = {name.removeprefix("axle_"): name for name in ports}
-        found = {a: slopes.axle(f"slip_angle_{n}", self._layout.body_of_axle(a)) for a, n in axles.items()}
+        sites = {a: slopes.axle(f"slip_angle_{n}", self._layout.body_of_axle(a)) for a, n in axles.items()}
         coupling = [slopes.ahead("constraint_violation", body) for body in bodies] if len(bodies) == 2 else []
-        if found and None not in found.values() and None not in coupling:
-            self._axles = {axle: at for axle, at in found.items() if at is not None}
+        if sites and None not in sites.values() and None not in coupling:
+            self._axles = {axle: at for axle, at in sites.items() if at is not None}
             self._coupling = [at for at in coupling if at is not None]
             wanted = [part for at in self._axles.values() for part in (at.x, at.y, at.steered)] + self._coupling
             places = [part for at in self._axles.values() for part in (at.x, at.y)] + self._coupling

@@ -1,4 +1,4 @@
-"""What the three manoeuvres of the NHTSA share: their options, and steering ramps whose corners are rounded.
+"""Options and steering ramps with rounded corners, shared by the three manoeuvres of the NHTSA.
 
 The procedures prescribe a steering machine, so they are functions of time alone; the defaults ask for as little
 lateral acceleration as any other drive. The amplitudes of the procedures go beyond what the tyres can do, and

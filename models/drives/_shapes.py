@@ -1,4 +1,4 @@
-"""What the drives share: smooth shapes, speed along a path, and the steering that follows a curvature.
+"""Smooth shapes, speed along a path, and the steering that follows a curvature, shared by the drives.
 
 Shapes are functions of time or of the way travelled, so that a drive is the same at every sample time.
 """

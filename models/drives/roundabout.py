@@ -35,6 +35,6 @@ def generate(options: dict[str, Any], context: DriveContext) -> Profile:
 
     outward = [turn(-options["entry_angle"])] if options["entry_angle"] > 0 else []
     straight = shapes.Arc(options["straight"], 0.0, 0.0, options["speed"])
-    one = [straight, *outward, turn(options["angle"]), *outward]
-    arcs = shapes.fill(lambda _: one, options, options["acceleration"])
+    lap = [straight, *outward, turn(options["angle"]), *outward]
+    arcs = shapes.fill(lambda _: lap, options, options["acceleration"])
     return shapes.follow(arcs, options, context, options["acceleration"])

@@ -1,4 +1,4 @@
-"""How a body leans in bends, for the effects of a body that rolls: the second-order motion of its springs and dampers.
+"""Roll of a body in bends: the second-order motion of its springs and dampers, for the effects of a body that rolls.
 
 What leans is the lateral acceleration, in m/s^2, as the springs have followed it; what it does (an angle that a sensor
 reads, one that steers an axle) is an effect's own parameter times that.

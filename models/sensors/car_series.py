@@ -1,3 +1,3 @@
-"""What the stability control of a car measures beside its speed: yaw rate and lateral acceleration (Lex 2015)."""
+"""Sensors of a car's stability control beside its speed: yaw rate and lateral acceleration (Lex 2015)."""
 
 OUTPUTS: dict[str, str] = {"yaw_rate": "yaw_rate", "lateral_acceleration": "lateral_acceleration"}

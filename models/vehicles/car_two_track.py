@@ -229,10 +229,10 @@ def _drive(v: Builder, mu: sp.Expr, asked: sp.Expr) -> tuple[dict[str, sp.Expr],
     force: dict[str, sp.Expr] = {}
     left_over: dict[str, sp.Expr] = {}
     for end, part in (("front", share), ("rear", 1 - share)):
-        left, right = (symbol(f"vertical_load_axle_{end[0]}{side}") for side in "lr")
-        z = part * asked / (mu * (left + right))
+        load_left, load_right = (symbol(f"vertical_load_axle_{end[0]}{side}") for side in "lr")
+        z = part * asked / (mu * (load_left + load_right))
         used = sp.tanh(z)
-        force[f"{end[0]}l"], force[f"{end[0]}r"] = mu * left * used, mu * right * used
+        force[f"{end[0]}l"], force[f"{end[0]}r"] = mu * load_left * used, mu * load_right * used
         left_over[end] = 2 / (sp.exp(z) + sp.exp(-z))  # sqrt(1 - tanh(z)^2), smooth where nothing is left
     return force, left_over
 

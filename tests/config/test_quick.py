@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from harness.config import load_study
-from harness.config.quick import RUNS
+from harness.config.load import QUICK_RUNS
 from support.probe_study import STUDY
 
 STUDIES = Path(__file__).parents[2] / "studies"
@@ -30,7 +30,7 @@ def test_levels_and_estimators_stay_and_drives_and_runs_are_few(whole_and_quick)
     whole, quick = whole_and_quick
     assert quick.estimators == whole.estimators
     assert [d.band_labels for d in quick.designs] == [d.band_labels for d in whole.designs]
-    assert [(d.base_samples, d.repeats) for d in quick.designs] == [(1, RUNS), (RUNS, 1)]
+    assert [(d.base_samples, d.repeats) for d in quick.designs] == [(1, QUICK_RUNS), (QUICK_RUNS, 1)]
     assert [d.name for d in quick.drives] == ["weave"]  # the one that is drawn over time
     assert [h.name for h in quick.history] == [h.name for h in whole.history]
 

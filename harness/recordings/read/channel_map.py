@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Field, StrictBool, StrictStr, ValidationError
+from pydantic import BeforeValidator, Field, StrictBool, StrictStr
 
 from harness.common import locations
 from harness.common.arrays import Floats
@@ -31,8 +31,8 @@ from harness.common.errors import UserError
 from harness.common.files import read_toml
 from harness.common.registry import closest
 from harness.common.units import scale, to_si
-from harness.config.problems import Problems, add_validation_errors
-from harness.config.schema import Name, Number, Quantity, Table
+from harness.config.problems import Problems, validated
+from harness.config.schema import Name, Number, Quantity, StrictTable
 from harness.models.signals import SIGNALS
 from harness.recordings.motion.kinematics import DERIVED
 from harness.recordings.motion.pose import UNSIGNED
@@ -41,14 +41,14 @@ ESTIMATE = "estimate"
 """What ``delay`` says where the delay is to be found from the recording itself."""
 
 
-class CurveTable(Table):
+class CurveTable(StrictTable):
     """Calibration curve: values of the channel, rising, and those of the signal that belong to them."""
 
     channel: list[Number] = Field(min_length=2, description="values of the channel, strictly rising")
     value: list[Number] = Field(min_length=2, description="values in the unit that the entry states")
 
 
-class ClockTable(Table):
+class ClockTable(StrictTable):
     """``time``."""
 
     channel: Name = Field(description="column of the time")
@@ -57,7 +57,7 @@ class ClockTable(Table):
     offset: Quantity = Field(default=0.0, description="added to its stamps")
 
 
-class ChannelTable(Table):
+class ChannelTable(StrictTable):
     """One signal."""
 
     channel: Name = Field(description="column of the file")
@@ -81,7 +81,7 @@ class ChannelTable(Table):
     )
 
 
-class PointTable(Table):
+class PointTable(StrictTable):
     """``[points.<name>]``: without ``x`` and ``y`` the lever arm is unknown and nothing is moved."""
 
     x: Quantity | None = Field(default=None, description="ahead of the reference point")
@@ -90,7 +90,7 @@ class PointTable(Table):
     description: StrictStr = Field(default="", description="which point it is")
 
 
-class RecordingTable(Table):
+class RecordingTable(StrictTable):
     """``[recording]``."""
 
     step: Quantity | None = Field(default=None, description="step of the common time base; the clock's if absent")
@@ -101,14 +101,14 @@ class RecordingTable(Table):
     reference: StrictStr = Field(default="CoG", description="the point that the signals refer to")
 
 
-class DeriveTable(Table):
+class DeriveTable(StrictTable):
     """``[derive]``."""
 
     signals: list[Name] = Field(min_length=1, description="signals to compute from the measured ones")
     window: Quantity = Field(default=0.1, description="length of the window of the local polynomial")
 
 
-class MapFile(Table):
+class MapFile(StrictTable):
     """The tables of a channel map beside its signals."""
 
     title: StrictStr = ""
@@ -253,11 +253,7 @@ def _validate(content: Any, table: type[Any], problems: Problems, key: str) -> A
     if not isinstance(content, dict):
         problems.add(key, f'expected a table such as {{ channel = "...", unit = "..." }}, got {content!r}')
         return None
-    try:
-        return table.model_validate(content)
-    except ValidationError as error:
-        add_validation_errors(problems, error, table, key)
-        return None
+    return validated(content, table, problems, key)
 
 
 def _channel(name: str, table: ChannelTable, where: str, points: dict[str, PointTable]) -> Channel:

@@ -1,0 +1,193 @@
+"""Drives and estimators, of a study or stated alone, with their options checked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel
+
+from harness.common import locations, registry
+from harness.common.errors import UserError
+from harness.common.files import read_toml
+from harness.common.units import refuse_misread
+from harness.config.problems import Problems, validated
+from harness.config.roles import ESTIMATORS
+from harness.config.schema import DrivesFile, DriveTable, EstimatorTable, OpenTable, StudyFile
+from harness.config.specs import DriveSpec, EstimatorSpec
+from harness.models.drive_options import options_of
+
+_Open = TypeVar("_Open", bound=OpenTable)
+
+
+def load_drives(name: str, folder: Path) -> tuple[DriveSpec, ...]:
+    """Return the drives of a set, by its name or the path of a TOML file.
+
+    A name is looked for in ``<folder>/drives`` first, then as ``harness.common.locations`` does.
+
+    Raises:
+        UserError: If there is no such file or a drive in it is wrong.
+    """
+    problems = Problems("drives", "drives")
+    drives = drives_of(StudyFile.model_construct(drives=name, drive=[]), folder, problems)
+    problems.stop()
+    return tuple(drives)
+
+
+def drives_of(raw: StudyFile, folder: Path, problems: Problems) -> list[DriveSpec]:
+    """Return the drives of the named files, in order, and then those of the study itself."""
+    drives: list[DriveSpec] = []
+    for name in [raw.drives] if isinstance(raw.drives, str) else raw.drives:
+        path = folder / name
+        if not name.endswith(".toml"):
+            try:
+                path = locations.find(locations.DRIVE_SETS, name, folder / "drives")
+            except UserError as error:
+                problems.add("drives", str(error))
+                continue
+        elif not path.is_file():
+            problems.add("drives", f"there is no file {path}")
+            continue
+        inner = problems.for_file(str(path))
+        try:
+            content = validated(read_toml(path), DrivesFile, inner)
+        except UserError as error:
+            problems.add("drives", str(error))
+            continue
+        if content is not None:
+            drives += drive_specs(content.drive, path.parent, folder, inner, drives)
+    drives += drive_specs(raw.drive, folder, folder, problems, drives)
+    if not drives and not raw.drives and not raw.drive:
+        problems.add("drives", 'a study needs a drive; add drives = "robustness" or a [[drive]] table')
+    return drives
+
+
+def drive_specs(
+    tables: list[DriveTable], own_folder: Path, folder: Path, problems: Problems, before: list[DriveSpec]
+) -> list[DriveSpec]:
+    """Return drives, their options known; those before them have names that none of them may have."""
+    specs: list[DriveSpec] = []
+    for i, table in enumerate(tables):
+        key = f"drive[{i}]"
+        first = next((d for d in [*before, *specs] if d.name == table.name), None)
+        if first is not None:
+            taken = first.where.removeprefix(problems.at(""))
+            problems.add(f"{key}.name", f"'{table.name}' is the name of {taken.lstrip(': ')} already; choose another")
+        with problems.catch(f"{key}.kind"):
+            options = options_of(table.kind)
+            _check_options(
+                table,
+                [o.name for o in options],
+                [o.name for o in options if o.default is None],
+                key,
+                problems,
+            )
+        base = _base(table.further, (own_folder, folder, Path()))
+        specs.append(DriveSpec(table.name, table.kind, table.further, problems.at(key), base))
+    return specs
+
+
+def _check_options(table: DriveTable, options: list[str], required: list[str], key: str, problems: Problems) -> None:
+    for name in table.further:
+        if name not in options:
+            problems.add(
+                f"{key}.{name}", f"drive '{table.kind}' has no option '{name}'{registry.closest(name, options)}"
+            )
+    for name in required:
+        if name not in table.further:
+            problems.add(f"{key}.{name}", f"drive '{table.kind}' needs this option; add it")
+
+
+def _base(options: dict[str, Any], candidates: tuple[Path, ...]) -> Path:
+    """Return the first folder in which a file named by an option exists (the first folder if none does)."""
+    return next((c for c in candidates if any(names_file(c, v) for v in options.values())), candidates[0])
+
+
+def whole_paths(options: dict[str, Any], base: Path) -> dict[str, Any]:
+    """Return options whose files are found from any folder."""
+    return {k: str((base / v).resolve()) if names_file(base, v) else v for k, v in options.items()}
+
+
+def names_file(folder: Path, value: Any) -> bool:
+    """Whether an option's value names a file: text with a suffix, so that column names are none."""
+    if not isinstance(value, str) or not Path(value).suffix:
+        return False
+    try:
+        return (folder / value).is_file()
+    except (OSError, ValueError):  # text that cannot be a file name
+        return False
+
+
+def estimator_specs(tables: list[EstimatorTable], folder: Path, problems: Problems) -> list[EstimatorSpec]:
+    """Return estimators, their settings checked and completed."""
+    specs: list[EstimatorSpec] = []
+    for i, table in enumerate(tables):
+        key, settings = f"estimator[{i}]", table.further
+        with problems.catch(f"{key}.kind"):
+            module = ESTIMATORS.load(table.kind, ())
+            model: type[BaseModel] | None = getattr(module, "Settings", None)
+            keys = [] if model is None else sorted(model.model_fields)
+            unknown = [k for k in settings if k not in keys]
+            for name in unknown:
+                problems.add(
+                    f"{key}.{name}",
+                    f"estimator '{table.kind}' has no setting '{name}'{registry.closest(name, keys)}",
+                )
+            if model is not None and not unknown:
+                refuse_misread(settings, problems.at(key))
+                if (checked := validated(settings, model, problems, key)) is not None:
+                    settings = checked.model_dump()
+        base = _base(settings, (folder, Path()))
+        specs.append(
+            EstimatorSpec(table.name or table.kind, table.kind, settings, base, input_signal=table.input_signal)
+        )
+    refuse_twice([s.name for s in specs], "estimator", "name", problems)
+    return specs
+
+
+def refuse_twice(names: list[str], table: str, key: str, problems: Problems) -> None:
+    """Note every name that an earlier entry of a list of tables has already."""
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            first = names.index(name)
+            problems.add(f"{table}[{i}].{key}", f"'{name}' is the name of {table}[{first}] already; choose another")
+
+
+def single_drive(content: Mapping[str, Any], where: str) -> DriveSpec:
+    """Return a drive.
+
+    Args:
+        content: Keys and values as in ``[[drive]]``; a file that it names is looked for in the working directory.
+        where: Named in errors in place of the file.
+
+    Raises:
+        UserError: If there is no such kind, or it has no such option or needs another one.
+    """
+    problems = Problems(where, "drive[0]")
+    specs = drive_specs([_single(content, DriveTable, problems)], Path(), Path(), problems, [])
+    problems.stop()
+    return specs[0]
+
+
+def single_estimator(content: Mapping[str, Any], where: str) -> EstimatorSpec:
+    """Return an estimator.
+
+    Args:
+        content: Keys and values as in ``[[estimator]]``; a file that it names is looked for in the working directory.
+        where: Named in errors in place of the file.
+
+    Raises:
+        UserError: If there is no such estimator, it has no such setting, or a setting does not fit.
+    """
+    problems = Problems(where, "estimator[0]")
+    specs = estimator_specs([_single(content, EstimatorTable, problems)], Path(), problems)
+    problems.stop()
+    return specs[0]
+
+
+def _single(content: Mapping[str, Any], table: type[_Open], problems: Problems) -> _Open:
+    checked = validated(dict(content), table, problems)
+    problems.stop()
+    assert checked is not None
+    return checked
