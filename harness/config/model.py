@@ -232,12 +232,7 @@ def _parameter_set(table: Stated, folder: Path, problems: Problems) -> Parameter
     parameter_set: ParameterSet | None = None
     with problems.catch(key):
         parameter_set = load_set(name, folder, problems.at(key))
-    if (
-        parameter_set is not None
-        and name
-        and table["vehicle"] is not None
-        and parameter_set.vehicle != table["vehicle"]
-    ):
+    if parameter_set is not None and name and table["vehicle"] not in (None, parameter_set.vehicle):
         problems.add(
             key,
             f"parameter set '{name}' is for vehicle '{parameter_set.vehicle}', but {table.key('vehicle')} is "
