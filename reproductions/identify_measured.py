@@ -16,13 +16,11 @@ import math
 import shlex
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar
 
 import numpy as np
 import xarray as xr
-from pydantic import Field
 from rich.console import Console
 
 from harness.cli.options import answers_errors
@@ -30,34 +28,17 @@ from harness.common.arguments import Parser
 from harness.common.arrays import Floats
 from harness.common.stages import showing
 from harness.config import ModelSpec
-from harness.config.schema import Name
 from harness.identification.contract import Problem, load_method, settings_of
 from harness.identification.data import DriveData
 from harness.identification.filtered_model import Candidates
 from harness.identification.innovations import Innovations
-from harness.identification.measured_file import MeasuredFile, MeasuredStudy, names_of
+from harness.identification.measured_file import MeasuredStudy, names_of
 from harness.identification.result import judge, judged_on, write_outcome
 from harness.recordings.check.axle_curves import GRAVITY, AxleCurve, Slope, axles_of
 from reproductions.measured_car_report import Identified, report
 
 
-class IdentifyFile(MeasuredFile):
-    """The whole file."""
-
-    method: Name = Field(default="likelihood", description="file in harness/identification/methods")
-    settings: dict[str, Any] = Field(default_factory=dict, description="settings of the method")
-
-
-@dataclass(frozen=True)
-class IdentifyStudy(MeasuredStudy):
-    """A file of this study, read."""
-
-    SCHEMA: ClassVar[type[MeasuredFile]] = IdentifyFile
-
-    raw: IdentifyFile
-
-
-def identified(study: IdentifyStudy, jobs: int | None, say: Callable[[str], None]) -> Identified:
+def identified(study: MeasuredStudy, jobs: int | None, say: Callable[[str], None]) -> Identified:
     """Return the car of a file, identified."""
     say("reading the recordings")
     recordings = study.drives()
@@ -148,7 +129,7 @@ def _arguments() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str]) -> None:
     """Identify as the file says and write data and report."""
     chosen = _arguments().parse_args(arguments)
-    study = IdentifyStudy.read(chosen.file)
+    study = MeasuredStudy.read(chosen.file)
     if study.absent:
         print(study.absent)
         return

@@ -287,9 +287,9 @@ def _tuning(path: Path) -> object:
 
 
 def _loop(path: Path) -> object:
-    from harness.diagnosis.study_file import load_loop
+    from harness.identification.measured_file import MeasuredStudy
 
-    return load_loop(path)
+    return MeasuredStudy.read(path)
 
 
 def _recording(path: Path, channels: Path | None = None) -> object:

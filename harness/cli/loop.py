@@ -27,9 +27,9 @@ def loop(
     """
     from harness.cli.options import RESULTS
     from harness.diagnosis.measured_study import trace_study
-    from harness.diagnosis.study_file import load_loop
+    from harness.identification.measured_file import MeasuredStudy
 
-    study = load_loop(file)
+    study = MeasuredStudy.read(file)
     if study.absent:
         Console().print(Text(study.absent), soft_wrap=True)
         return

@@ -1,4 +1,4 @@
-"""The drives of a loop file, traced, and then its changed drives; the published model stands beside the fitted ones."""
+"""Trace of the drives of a file and then of its changed drives, with the published model beside the fitted ones."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from harness.diagnosis.report.report import report
 from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.result.study_gain import REPEATS
 from harness.diagnosis.run import TraceTask, run_changes, run_trace
-from harness.diagnosis.study_file import LoopStudy
 from harness.identification.filtered_model import Candidates
+from harness.identification.measured_file import MeasuredStudy
 from harness.identification.report import spans_sheet
 from harness.identification.result import judged_on
 from harness.models.quantities import quantity
@@ -30,15 +30,15 @@ Errors = dict[str, dict[str, dict[str, dict[str, float]]]]
 
 
 def trace_study(
-    study: LoopStudy, drives: dict[str, list[xr.Dataset]], folder: Path, jobs: int | None, console: Console
+    study: MeasuredStudy, drives: dict[str, list[xr.Dataset]], folder: Path, jobs: int | None, console: Console
 ) -> list[str]:
-    """Trace what the model lacks in the drives of a loop file, write the results and return the answers in sentences.
+    """Trace what the model lacks in the drives of a file, write the results and return the answers in sentences.
 
     Changed drives are traced again from the amended model; their answer follows the question that the file asks.
 
     Args:
         study: The file.
-        drives: Its recordings by the key that names them (``LoopStudy.drives``).
+        drives: Its recordings by the key that names them (``MeasuredStudy.drives``).
         folder: Of the results; those of the changed drives go to ``changed`` in it.
         jobs: Threads; all cores if ``None``.
         console: Takes progress and warnings.
@@ -57,7 +57,7 @@ def trace_study(
 
 
 def _trace(
-    study: LoopStudy,
+    study: MeasuredStudy,
     spec: ModelSpec,
     drives: dict[str, list[xr.Dataset]],
     folder: Path,
@@ -79,7 +79,7 @@ def _trace(
 
 
 def _changed(
-    study: LoopStudy,
+    study: MeasuredStudy,
     spec: ModelSpec,
     drives: dict[str, list[xr.Dataset]],
     folder: Path,
@@ -107,9 +107,9 @@ def _changed(
 
 
 def _task(
-    study: LoopStudy, spec: ModelSpec, drives: dict[str, list[xr.Dataset]], part: str, jobs: int | None
+    study: MeasuredStudy, spec: ModelSpec, drives: dict[str, list[xr.Dataset]], part: str, jobs: int | None
 ) -> TraceTask:
-    """Return what is to be traced in one part of a loop file, nothing refitted beforehand."""
+    """Return what is to be traced in one part of a file, nothing refitted beforehand."""
     raw = study.raw
     return TraceTask(
         spec,
@@ -125,7 +125,7 @@ def _task(
 
 
 def _write(
-    study: LoopStudy,
+    study: MeasuredStudy,
     outcome: Outcome,
     stated: ModelSpec,
     title: str,
@@ -175,7 +175,7 @@ def held_out(outcome: Outcome, stated: ModelSpec) -> Errors:
     return by_drive
 
 
-def _about(study: LoopStudy, part: str) -> list[Block]:
+def _about(study: MeasuredStudy, part: str) -> list[Block]:
 
     spans = study.spans()
     further: list[Block] = [spans_sheet({"fitted": spans[f"{part}train"], "held out": spans[f"{part}test"]})]

@@ -1,4 +1,4 @@
-"""What every file about measured drives holds: a model, drives to fit, held-out drives.
+"""A file of measured drives for ``harness identify`` and ``harness trace``: model, drives to fit, held-out drives.
 
 ::
 
@@ -19,6 +19,18 @@
 
     [[test]]
     file = "fast.mat"
+
+    [[exclude]]                                           # of a trace, as are the next two
+    effect = "payload_shift"
+    reason = "nobody moved in the car"
+
+    [changed]                                             # traced again from the amended model, all of it held
+    question = "Did the tyres change?"
+    train = [{ file = "taped.csv" }]
+    test = [{ file = "taped_again.csv" }]
+
+    [worth]                                               # this study with the amended plant and both beliefs
+    study = "../mass.toml"                                # from this file
 """
 
 from __future__ import annotations
@@ -27,11 +39,11 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 import xarray as xr
-from pydantic import Field, StrictBool, StrictStr
+from pydantic import Field, StrictBool, StrictInt, StrictStr
 
 from harness.common import locations
 from harness.common.errors import UserError
@@ -42,6 +54,7 @@ from harness.config import ModelSpec, resolve_single
 from harness.config.problems import Problems, validated
 from harness.config.schema import ModelTable, Name, Quantity, StrictTable
 from harness.identification.data import steered
+from harness.models.roles import EFFECTS
 from harness.recordings.read.load import load_recording
 from harness.recordings.smooth.road_bank_map import with_bank
 
@@ -104,8 +117,32 @@ class SpanTable(StrictTable):
     span: tuple[Quantity, Quantity] | None = Field(default=None, description="start and end time; all if absent")
 
 
+class ExcludeTable(StrictTable):
+    """An effect that is not to be tried."""
+
+    effect: Name = Field(description="file in models/effects")
+    reason: Name = Field(description="why it cannot be there")
+
+
+class ChangedTable(StrictTable):
+    """Drives in which the vehicle may have changed."""
+
+    question: Name = Field(description="title of its report")
+    train: list[SpanTable] = Field(min_length=1, description="drives to fit")
+    test: list[SpanTable] = Field(min_length=1, description="held-out drives")
+
+
+class WorthTable(StrictTable):
+    """A study with the amended plant, in which the estimators believe either model."""
+
+    study: Name = Field(description="study file, from this file; of the same vehicle and tyre")
+    repeats: Annotated[StrictInt, Field(ge=1)] = Field(
+        default=8, description="runs of each level and drive with other noise"
+    )
+
+
 class MeasuredFile(StrictTable):
-    """The keys that every file about measured drives has."""
+    """The whole file; ``method`` and ``settings`` are of an identification, ``rounds`` and all below of a trace."""
 
     title: Name = Field(description="title of the report")
     recordings: Name = Field(description="folder of the recordings, from this file")
@@ -118,6 +155,16 @@ class MeasuredFile(StrictTable):
     model: ModelTable = Field(description="the nominal model, as [plant] in a study")
     train: list[SpanTable] = Field(min_length=1, description="drives to fit")
     test: list[SpanTable] = Field(min_length=1, description="held-out drives")
+    method: Name = Field(default="likelihood", description="file in harness/identification/methods")
+    settings: dict[str, Any] = Field(default_factory=dict, description="settings of the method")
+    rounds: Annotated[StrictInt, Field(ge=1, le=20)] = Field(default=8, description="largest number of additions")
+    estimators: list[Name] = Field(
+        default=["ekf", "ukf", "cdkf"], description="estimators to run on the held-out drives with both models"
+    )
+    stated_noise: StrictBool = Field(default=False, description="hold the noise that the model states")
+    exclude: list[ExcludeTable] = Field(default_factory=list, description="effects that are not to be tried")
+    changed: ChangedTable | None = Field(default=None, description="drives in which the vehicle may have changed")
+    worth: WorthTable | None = Field(default=None, description="study in which the gain of the amendment is measured")
 
 
 @dataclass(frozen=True)
@@ -131,8 +178,6 @@ class MeasuredStudy:
         channels: Channel map, if any.
         step: Sample time in s.
     """
-
-    SCHEMA: ClassVar[type[MeasuredFile]] = MeasuredFile
 
     path: Path
     raw: MeasuredFile
@@ -148,9 +193,15 @@ class MeasuredStudy:
             UserError: If anything in it is wrong; one line per problem.
         """
         problems = Problems(str(path))
-        raw = validated(read_toml(path), cls.SCHEMA, problems)
+        raw = validated(read_toml(path), MeasuredFile, problems)
         problems.stop()
         assert raw is not None
+        effects = EFFECTS.names()
+        for i, excluded in enumerate(raw.exclude):
+            if excluded.effect not in effects:
+                message = f"there is no effect '{excluded.effect}'{closest(excluded.effect, effects)}"
+                problems.add(f"exclude[{i}].effect", message)
+        problems.stop()
         channels = None
         if raw.channels:
             local = path.parent / raw.channels
@@ -166,8 +217,14 @@ class MeasuredStudy:
         return "" if self.folder.is_dir() else f"{self.path}: skipped, there is no folder {self.folder} of recordings"
 
     def spans(self) -> dict[str, list[SpanTable]]:
-        """Return the spans by the key of the file that holds them."""
-        return {"train": self.raw.train, "test": self.raw.test}
+        """Return the spans by key; those of ``[changed]`` as ``changed.train``, ``changed.test``."""
+        spans, changed = {"train": self.raw.train, "test": self.raw.test}, self.raw.changed
+        return spans if changed is None else spans | {"changed.train": changed.train, "changed.test": changed.test}
+
+    @property
+    def excluded(self) -> frozenset[str]:
+        """Effects that are not tried."""
+        return frozenset(e.effect for e in self.raw.exclude)
 
     def drives(self) -> dict[str, list[xr.Dataset]]:
         """Return the recordings by the key of the file that names them, with a steering-wheel angle.

@@ -10,8 +10,9 @@ import xarray as xr
 import harness as h
 from harness.config import resolve_single
 from harness.identification.coordinates import Coordinates
+from harness.identification.measured_file import MeasuredStudy
 from harness.recordings.check.axle_curves import axles_of
-from reproductions.identify_measured import IdentifyStudy, calibrated, from_slopes, main
+from reproductions.identify_measured import calibrated, from_slopes, main
 from support.documented import recorded as log_of
 
 CAR = {"vehicle": "car", "parameters": "blanco_2021", "tyre": "linear", "sensors": "car_navigation"}
@@ -146,7 +147,7 @@ def test_what_is_wrong_is_named_with_its_key(tmp_path, capsys, more, said):
 
 @pytest.mark.parametrize("path", FILES, ids=lambda p: p.stem)
 def test_the_files_of_the_project_are_valid(path):
-    study = IdentifyStudy.read(path)
+    study = MeasuredStudy.read(path)
     assert set(study.raw.free) == set(study.fitted_parameters())
     assert study.channels is not None
     assert study.channels.is_file()

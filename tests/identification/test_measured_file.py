@@ -1,4 +1,4 @@
-"""Loop files: spans of recordings, and what is refused."""
+"""Files of measured drives: spans of recordings, and what is refused."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from harness.cli.main import app
 from harness.common.errors import UserError
-from harness.diagnosis.study_file import load_loop
+from harness.identification.measured_file import MeasuredStudy
 
 FILE = """
 title = "t"
@@ -29,7 +29,7 @@ file = "a.csv"
 span = ["{start} s", "61 s"]
 {last}
 """
-LOOPS = sorted(Path("studies/loops").glob("*.toml"))
+FILES = sorted(p for folder in ("loops", "identify") for p in Path("studies", folder).glob("*.toml"))
 
 
 @pytest.fixture
@@ -50,7 +50,7 @@ def written(tmp_path):
 
 
 def test_spans_start_at_zero_and_keep_their_length(written):
-    drives = load_loop(written()).drives()
+    drives = MeasuredStudy.read(written()).drives()
     assert [float(d["time"][0]) for d in (*drives["train"], *drives["test"])] == [0.0, 0.0]
     assert float(drives["train"][0]["time"][-1]) == pytest.approx(30.0)
     augmented = drives["test"][0]["speed"].to_numpy()
@@ -60,16 +60,16 @@ def test_spans_start_at_zero_and_keep_their_length(written):
 def test_the_step_is_that_of_the_file(written):
     path = written()
     path.write_text(path.read_text().replace('"10 ms"', '"20 ms"'))
-    assert len(load_loop(path).drives()["train"][0]["time"]) == 1501
+    assert len(MeasuredStudy.read(path).drives()["train"][0]["time"]) == 1501
 
 
 def test_a_model_is_integrated_finely_or_as_its_file_says(written):
     path = written()
     path.write_text(path.read_text().replace('"10 ms"', '"20 ms"'))
-    own = load_loop(path).nominal()
+    own = MeasuredStudy.read(path).nominal()
     assert (own.integrator, own.step, own.substeps) == ("rk4", 0.02, 2)
     path.write_text(path.read_text().replace("[model]", "[model]\nsubsteps = 4"))
-    stated = load_loop(path).nominal()
+    stated = MeasuredStudy.read(path).nominal()
     assert (stated.integrator, stated.step, stated.substeps) == ("rk4", 0.02, 4)
 
 
@@ -90,7 +90,7 @@ def test_a_model_is_integrated_finely_or_as_its_file_says(written):
 )
 def test_what_is_wrong_is_named_with_its_key(written, changed, said):
     with pytest.raises(UserError, match=said):
-        load_loop(written(**changed)).drives()
+        MeasuredStudy.read(written(**changed)).drives()
 
 
 def test_without_the_folder_of_recordings_a_loop_is_skipped(written):
@@ -110,9 +110,9 @@ def test_a_free_parameter_that_the_model_lacks_is_named(written):
     assert "yaw_inertia" in result.output
 
 
-@pytest.mark.parametrize("path", LOOPS, ids=lambda p: p.stem)
-def test_the_loop_files_of_the_project_are_valid(path):
-    study = load_loop(path)
+@pytest.mark.parametrize("path", FILES, ids=lambda p: f"{p.parent.name}-{p.stem}")
+def test_the_files_of_the_project_are_valid(path):
+    study = MeasuredStudy.read(path)
     if study.channels is not None:
         assert study.channels.is_file()
     if not study.folder.is_dir():
