@@ -1,1 +1,1 @@
-"""What the sources publish, computed again: each a command, ``python -m reproductions.<name>``."""
+"""Published results of the sources, computed again: each a command, ``python -m reproductions.<name>``."""

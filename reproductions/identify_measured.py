@@ -87,19 +87,19 @@ def _growth(values: Mapping[str, float], end: str) -> float:
 
 def from_slopes(spec: ModelSpec, axles: Sequence[AxleCurve]) -> ModelSpec:
     """Return the model with the cornering stiffnesses of its axle curves; an axle without a line keeps its own."""
-    found = {
+    stiffnesses = {
         f"stiffness_peak_{a.name}": a.slope.value * static_load(spec.values, a.name) / _growth(spec.values, a.name)
         for a in axles
         if a.slope is not None
     }
-    return replace(spec, values={**spec.values, **found})
+    return replace(spec, values={**spec.values, **stiffnesses})
 
 
 def _line(axle: AxleCurve, values: Mapping[str, float]) -> Slope:
     """Return the identified stiffness as the line of an axle curve."""
     slope = values[f"stiffness_peak_{axle.name}"] * _growth(values, axle.name) / static_load(values, axle.name)
-    known = np.isfinite(axle.slip) & np.isfinite(axle.share)
-    return Slope(slope, float(np.corrcoef(axle.slip[known], axle.share[known])[0, 1]), 0.0, int(known.sum()))
+    finite = np.isfinite(axle.slip) & np.isfinite(axle.share)
+    return Slope(slope, float(np.corrcoef(axle.slip[finite], axle.share[finite])[0, 1]), 0.0, int(finite.sum()))
 
 
 def calibrated(recording: xr.Dataset, values: Mapping[str, float]) -> xr.Dataset:
@@ -107,14 +107,14 @@ def calibrated(recording: xr.Dataset, values: Mapping[str, float]) -> xr.Dataset
 
     An accelerometer whose zero was found tells the force of the tyres on a banked road too, where velocities do not.
     """
-    found = {
+    signals = {
         n: recording[n] - values.get(f"sensor_bias_{n}", 0.0)
         for n in ("yaw_rate", "lateral_velocity", "lateral_acceleration")
         if n in recording and (f"sensor_bias_{n}" in values or n != "lateral_acceleration")
     }
-    found["lateral_velocity"] = found["lateral_velocity"] - values["reference_from_cog"] * found["yaw_rate"]
+    signals["lateral_velocity"] = signals["lateral_velocity"] - values["reference_from_cog"] * signals["yaw_rate"]
     steered = recording["steering_wheel_angle"] / values["steering_ratio"] + values.get("steering_offset", 0.0)
-    return recording.assign({**found, "road_wheel_angle": steered})
+    return recording.assign({**signals, "road_wheel_angle": steered})
 
 
 def _arguments() -> argparse.ArgumentParser:
@@ -134,12 +134,12 @@ def main(arguments: Sequence[str]) -> None:
         print(study.absent)
         return
     with showing(Console(stderr=True), "starting") as show:
-        found = identified(study, chosen.jobs, show)
+        result = identified(study, chosen.jobs, show)
     command = f"python -m reproductions.identify_measured {shlex.join(arguments)}"
-    names = ", ".join(j.drive.name for j in found.judged if not j.held_out)
-    source = f"{study.path}, method {found.fit.method}, on {names}"
-    write_outcome(chosen.out, found.fit, list(found.judged), source)
-    report(found, study.raw.title, study.spans(), command).write(chosen.out)
+    names = ", ".join(j.drive.name for j in result.judged if not j.held_out)
+    source = f"{study.path}, method {result.fit.method}, on {names}"
+    write_outcome(chosen.out, result.fit, list(result.judged), source)
+    report(result, study.raw.title, study.spans(), command).write(chosen.out)
     print(f"wrote {chosen.out}/report.html")
 
 

@@ -21,8 +21,8 @@ _STATE = "state"
 def state_of(*decides: Any) -> str:
     """Return a digest of what decides a part: of code as its digest, of settings as plain values, of files as bytes."""
     total = hashlib.sha256()
-    for one in decides:
-        content = one if isinstance(one, bytes) else json.dumps(one, sort_keys=True).encode()
+    for part in decides:
+        content = part if isinstance(part, bytes) else json.dumps(part, sort_keys=True).encode()
         total.update(hashlib.sha256(content).digest())
     return total.hexdigest()
 
@@ -77,9 +77,9 @@ class Parts:
         there = self.get(name, state)
         if there is not None:
             return there, True
-        found = {key: np.asarray(value) for key, value in compute().items()}
-        self.put(name, state, found)
-        return found, False
+        arrays = {key: np.asarray(value) for key, value in compute().items()}
+        self.put(name, state, arrays)
+        return arrays, False
 
     def _file(self, name: str) -> Path:
         return self.path / f"{name}.npz"

@@ -41,40 +41,40 @@ class Identified:
     axles_after: tuple[AxleCurve, ...]
 
 
-def report(found: Identified, title: str, spans: Mapping[str, Sequence[SpanTable]], command: str) -> Report:
+def report(result: Identified, title: str, spans: Mapping[str, Sequence[SpanTable]], command: str) -> Report:
     """Return the report.
 
     Args:
-        found: What was identified.
+        result: What was identified.
         title: The question.
         spans: The drives by what they were used for.
         command: How it was made.
     """
     evidence = [
-        Section(lambda: [_errors(found)], "How large are the errors of each model?"),
-        Section(lambda: [Prose(plain(_steering(found)))], "How is the steering calibrated?"),
+        Section(lambda: [_errors(result)], "How large are the errors of each model?"),
+        Section(lambda: [Prose(plain(_steering(result)))], "How is the steering calibrated?"),
         Section(lambda: [spans_sheet({"fitted": spans["train"], "held out": spans["test"]})], "Which drives?"),
-        Section(lambda: _stiffness(found), "Where does the search begin, and where does it end?"),
+        Section(lambda: _stiffness(result), "Where does the search begin, and where does it end?"),
     ]
-    return report_on_fit(found.fit, list(found.judged), command, title, evidence)
+    return report_on_fit(result.fit, list(result.judged), command, title, evidence)
 
 
-def _stiffness(found: Identified) -> list[Block]:
+def _stiffness(result: Identified) -> list[Block]:
     return [
         Heading("Where does the search begin, and where does it end?"),
-        Prose(plain(_slopes(found))),
-        axle_figure(found.axles_before, title="How stiff are the axles with the published parameters?"),
+        Prose(plain(_slopes(result))),
+        axle_figure(result.axles_before, title="How stiff are the axles with the published parameters?"),
         axle_figure(
-            found.axles_after, "identified stiffness", "How stiff are the axles with the identified parameters?"
+            result.axles_after, "identified stiffness", "How stiff are the axles with the identified parameters?"
         ),
     ]
 
 
-def _errors(found: Identified) -> Sheet:
+def _errors(result: Identified) -> Sheet:
     """Return table 3.3 with the fitted and the held-out drives."""
     rows = []
-    outputs = list(found.published.model().outputs)
-    for judged, published in zip(found.judged, found.published_error, strict=True):
+    outputs = list(result.published.model().outputs)
+    for judged, published in zip(result.judged, result.published_error, strict=True):
         for a, name in enumerate(outputs):
             q = quantity(name)
             errors = (published[a], *judged.free_error[:, a])
@@ -89,9 +89,9 @@ def _errors(found: Identified) -> Sheet:
     return Sheet(header, rows, caption, left=4)
 
 
-def _steering(found: Identified) -> str:
+def _steering(result: Identified) -> str:
     """State factor and offset of the steering calibration (3.48)."""
-    stated, values = found.published.values, found.fit.spec.values
+    stated, values = result.published.values, result.fit.spec.values
     factor = stated["steering_ratio"] / values["steering_ratio"]
     offset = math.degrees(values.get("steering_offset", 0.0))
     return (
@@ -101,10 +101,10 @@ def _steering(found: Identified) -> str:
     )
 
 
-def _slopes(found: Identified) -> str:
+def _slopes(result: Identified) -> str:
     """State the slopes before and after (3.46, 3.47)."""
     parts = []
-    for before, after in zip(found.axles_before, found.axles_after, strict=True):
+    for before, after in zip(result.axles_before, result.axles_after, strict=True):
         assert after.slope is not None
         began = "no line by the published car" if before.slope is None else f"{_slope(before)} by the published car"
         parts.append(f"{before.name} axle: {began}, {_slope(after)} identified")

@@ -84,7 +84,7 @@ def search(
         Per architecture NRMSE on the test drives summed over the outputs, ``(3, trainings)``: one step ahead after
         the open-loop training, free-running after it, free-running after the tuning.
     """
-    found, console = {}, Console(stderr=True)
+    errors, console = {}, Console(stderr=True)
     for number, ((layers, neurons), count) in enumerate(counts.items(), start=1):
         begin, own = time.perf_counter(), replace(plan, neurons=(neurons,) * layers)
 
@@ -94,26 +94,26 @@ def search(
             return {"nrmse": np.array(rows).T}
 
         kept, there = parts.made(f"{layers}x{neurons}", state_of(code, asdict(own), count, seed), train)
-        found[layers, neurons] = kept["nrmse"]
+        errors[layers, neurons] = kept["nrmse"]
         spent = "kept from before" if there else f"{time.perf_counter() - begin:.0f} s"
         console.print(
             f"{number:2d} of {len(counts)}: {layers} x {neurons}, {count} trainings, {spent}, "
-            f"best free-running NRMSE {found[layers, neurons][2].min():.2e}",
+            f"best free-running NRMSE {errors[layers, neurons][2].min():.2e}",
             soft_wrap=True,
         )
-    return found
+    return errors
 
 
-def best(found: dict[tuple[int, int], Floats], restarts: int, row: int) -> dict[tuple[int, int], float]:
+def best(errors: dict[tuple[int, int], Floats], restarts: int, row: int) -> dict[tuple[int, int], float]:
     """Return the least error of the first ``restarts`` trainings of each architecture."""
     return {
-        shape: float(np.min(np.where(np.isfinite(e[row]), e[row], np.inf)[:restarts])) for shape, e in found.items()
+        shape: float(np.min(np.where(np.isfinite(e[row]), e[row], np.inf)[:restarts])) for shape, e in errors.items()
     }
 
 
-def report(indices, found, plan: Plan, restarts: int, spread: int, command: str) -> tuple[Report, dict[str, bytes]]:
+def report(indices, errors, plan: Plan, restarts: int, spread: int, command: str) -> tuple[Report, dict[str, bytes]]:
     """Return the report and its figures by file name."""
-    one_step, open_free, tuned = (best(found, restarts, row) for row in range(3))
+    one_step, open_free, tuned = (best(errors, restarts, row) for row in range(3))
     first, second = min(one_step, key=one_step.__getitem__), min(tuned, key=tuned.__getitem__)
     chosen = (plan.input_delays, plan.output_delays)
     counts = sorted({min(n, spread) for n in (10, 20, 50)})
@@ -142,8 +142,8 @@ def report(indices, found, plan: Plan, restarts: int, spread: int, command: str)
             "Lipschitz indices over the delays",
         ),
     ]
-    if SPREAD in found:
-        pictures["restarts.svg"] = narx_figures.restarts(found[SPREAD][2], counts, _words(SPREAD))
+    if SPREAD in errors:
+        pictures["restarts.svg"] = narx_figures.restarts(errors[SPREAD][2], counts, _words(SPREAD))
         blocks += [
             Picture(
                 pictures["restarts.svg"],
@@ -154,7 +154,7 @@ def report(indices, found, plan: Plan, restarts: int, spread: int, command: str)
         ]
     rows = [
         [str(a), str(b), str(a * b), f"{one_step[a, b]:.2e}", f"{open_free[a, b]:.2e}", f"{tuned[a, b]:.2e}"]
-        for a, b in found
+        for a, b in errors
     ]
     header = ["layers", "neurons per layer", "neurons", "one step", "free, before tuning", "free, tuned"]
     blocks += [
@@ -212,17 +212,17 @@ def main(arguments: Sequence[str]) -> None:
     found_delays = delays(data, chosen.seed)
     counts = {shape: spread if shape == SPREAD else chosen.restarts for shape in architectures(chosen.most)}
     code = state_of(LONG["narx-architecture"].code(), chosen.drives.read_bytes(), chosen.trailer_mass)
-    found = search(data, plan, counts, chosen.seed, chosen.jobs, Parts(chosen.out / "architectures"), code)
+    errors = search(data, plan, counts, chosen.seed, chosen.jobs, Parts(chosen.out / "architectures"), code)
     command = f"python -m reproductions.narx_architecture {shlex.join(arguments)}"
-    made, pictures = report(found_delays, found, plan, chosen.restarts, spread, command)
+    made, pictures = report(found_delays, errors, plan, chosen.restarts, spread, command)
     made.write(chosen.out)
-    _write(chosen.out, pictures, found, found_delays, command)
+    _write(chosen.out, pictures, errors, found_delays, command)
     print(f"wrote {chosen.out}/report.html")
 
 
-def _write(folder: Path, files: dict[str, bytes], found, found_delays: list[lipschitz.Indices], command: str) -> None:
+def _write(folder: Path, files: dict[str, bytes], errors, found_delays: list[lipschitz.Indices], command: str) -> None:
     """Write data and figures."""
-    arrays = {f"nrmse_{a}x{b}": e for (a, b), e in found.items()}
+    arrays = {f"nrmse_{a}x{b}": e for (a, b), e in errors.items()}
     arrays |= {f"lipschitz_{i.drive}_{i.output}": i.values for i in found_delays}
     described = {"rows_of_nrmse": ["one step", "free-running", "free-running, tuned"]}
     write_files(folder, files)

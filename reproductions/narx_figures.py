@@ -14,19 +14,19 @@ from harness.reporting import style
 from reproductions.narx.lipschitz import Indices
 
 
-def delays(found: Sequence[Indices], chosen: tuple[int, int]) -> bytes:
+def delays(indices: Sequence[Indices], chosen: tuple[int, int]) -> bytes:
     """Draw the Lipschitz indices of some drives over growing delays, a panel per output (Bild 5.3)."""
-    outputs = list(dict.fromkeys(i.output for i in found))
-    drives = list(dict.fromkeys(i.drive for i in found))
+    outputs = list(dict.fromkeys(i.output for i in indices))
+    drives = list(dict.fromkeys(i.drive for i in indices))
     looks = style.looks(drives)
     with style.drawing():
         fig = style.figure(1.0 + 2.3 * len(outputs))
         panels = fig.subplots(len(outputs), 1, sharex=True, squeeze=False)[:, 0]
         for axes, output in zip(panels, outputs, strict=True):
-            for one in (i for i in found if i.output == output):
-                look = looks[one.drive]
-                axes.semilogy(one.values, marker=look.marker, color=look.line, ls=look.dashes, ms=4)
-            steps = found[0].delays
+            for index in (i for i in indices if i.output == output):
+                look = looks[index.drive]
+                axes.semilogy(index.values, marker=look.marker, color=look.line, ls=look.dashes, ms=4)
+            steps = indices[0].delays
             axes.axvline(steps.index(chosen), color="black", ls="--", lw=0.8)
             axes.set_xticks(range(len(steps)), [f"{a}, {b}" for a, b in steps])
             axes.set_ylabel("Lipschitz index")

@@ -35,13 +35,13 @@ def described(errors: Errors) -> dict[str, Any]:
     }
 
 
-def table(found: Sequence[Candidate], outputs: Sequence[str]) -> str:
+def table(trained: Sequence[Candidate], outputs: Sequence[str]) -> str:
     """Return the candidates as text, one line each, NRMSE of the test drives summed over the outputs."""
     lines = [
         f"NRMSE on the test drives, summed over {', '.join(outputs)}",
         "  no  epochs  gamma  one-step  free-running  tuned: one-step  free-running   LM s  BPTT s  LM ended",
     ]
-    for i, c in enumerate(found):
+    for i, c in enumerate(trained):
         a, b = c.open_loop, c.tuned
         lines.append(
             f"{i:4d}  {c.epochs:6d}  {c.gamma:5.0f}  {a.one_step['test'].sum():8.1e}  {a.free['test'].sum():12.1e}"
@@ -81,12 +81,12 @@ def main(arguments: Sequence[str]) -> None:
         training_data.semitrailer(chosen.trailer_mass, chosen.parameters), chosen.drives, chosen.seed
     )
     plan = Plan(tuple(chosen.neurons), chosen.delays[0], chosen.delays[1], chosen.epochs, 1e-2, chosen.iterations)
-    found = candidates(data, plan, chosen.restarts, chosen.seed, chosen.jobs)
-    print(table(found, training_data.OUTPUTS))
-    best = min(range(len(found)), key=lambda i: found[i].score)
-    if not np.isfinite(found[best].score):
+    trained = candidates(data, plan, chosen.restarts, chosen.seed, chosen.jobs)
+    print(table(trained, training_data.OUTPUTS))
+    best = min(range(len(trained)), key=lambda i: trained[i].score)
+    if not np.isfinite(trained[best].score):
         raise UserError("every candidate diverges in free run; raise --iterations or --restarts")
-    network, errors = _polished(data, plan, found[best], chosen)
+    network, errors = _polished(data, plan, trained[best], chosen)
     made = {
         "command": f"python -m reproductions.narx_training {shlex.join(arguments)}",
         "drives": chosen.drives.as_posix(),
@@ -95,7 +95,7 @@ def main(arguments: Sequence[str]) -> None:
         "seed": chosen.seed,
         "restarts": chosen.restarts,
         "chosen": best,
-        "nrmse_open_loop": described(found[best].open_loop),
+        "nrmse_open_loop": described(trained[best].open_loop),
         "nrmse": described(errors),
     }
     save(replace(network, made=made), chosen.out)

@@ -60,7 +60,7 @@ WHOLE = "reproductions.reproduce"
 
 def chapters(stored: Stored, names: Sequence[str], console: Console) -> list[Chapter]:
     """Answer the records of some documents."""
-    found = []
+    answered = []
     for name in names:
         begin, module = time.perf_counter(), CHAPTERS[name]
         rows: list[Row] = []
@@ -69,19 +69,19 @@ def chapters(stored: Stored, names: Sequence[str], console: Console) -> list[Cha
             for number, record in enumerate(records, start=1):
                 show(f"{module.TITLE}: {number} of {len(records)}, {record.quantity}")
                 rows.append(answer(record, stored))
-        found.append(Chapter(module.TITLE, module.NOTE, rows))
+        answered.append(Chapter(module.TITLE, module.NOTE, rows))
         console.print(f"{module.TITLE}: {len(rows)} records in {time.perf_counter() - begin:.0f} s")
-    return found
+    return answered
 
 
-def origins(stored: Stored, found: Sequence[Chapter]) -> list[Origin]:
+def origins(stored: Stored, answered: Sequence[Chapter]) -> list[Origin]:
     """Return where the results come from that the records need, and the network that the studies use."""
-    names = dict.fromkeys(name for chapter in found for row in chapter.rows for name in row.record.needs.split())
+    names = dict.fromkeys(name for chapter in answered for row in chapter.rows for name in row.record.needs.split())
     listed = [stored.origin(name) for name in names]
     return [*listed, network_origin()] if "ideal" in names else listed
 
 
-def as_json(found: Sequence[Chapter], listed: Sequence[Origin], made: str) -> dict[str, Any]:
+def as_json(answered: Sequence[Chapter], listed: Sequence[Origin], made: str) -> dict[str, Any]:
     """Return everything as plain data."""
     return {
         "made": made,
@@ -116,7 +116,7 @@ def as_json(found: Sequence[Chapter], listed: Sequence[Origin], made: str) -> di
                     for row in chapter.rows
                 ],
             }
-            for chapter in found
+            for chapter in answered
         ],
     }
 
@@ -141,15 +141,15 @@ def main(arguments: Sequence[str]) -> None:
         raise UserError(f"{chosen.results}: there is no such folder; --results names that of the stored results")
     begin = time.perf_counter()
     stored = Stored(chosen.results, chosen.out)
-    found = chapters(stored, chosen.only or list(CHAPTERS), console)
-    listed = origins(stored, found)
+    answered = chapters(stored, chosen.only or list(CHAPTERS), console)
+    listed = origins(stored, answered)
     made = datetime.now(UTC).date().isoformat()
-    write_files(chosen.out, {"reproduction.json": json_text(as_json(found, listed, made))})
-    report.report(found, listed).write(chosen.out)
+    write_files(chosen.out, {"reproduction.json": json_text(as_json(answered, listed, made))})
+    report.report(answered, listed).write(chosen.out)
     if before is not None:
-        content = page.content(found, listed, made)
+        content = page.content(answered, listed, made)
         write_files(chosen.page.parent, {chosen.page.name: renewed(before, content, BEGIN, END)})
-    print(wording.sentence([row for chapter in found for row in chapter.rows]))
+    print(wording.sentence([row for chapter in answered for row in chapter.rows]))
     missing = [o.command for o in listed if o.state == "missing"]
     if missing:
         print(f"missing results, made by: {', '.join(missing)}")

@@ -58,19 +58,19 @@ class Setup:
     def free_run(self, drive: str, candidate: Floats) -> dict[str, Floats]:
         """Return the simulated outputs on a drive to judge, by name; NaN from where it diverges on."""
         number = [d.name for d in self.judge.drives].index(drive)
-        one, values = self.judge.drives[number], in_lanes(self.judge.parameters(number, candidate[None])[:, 0])
+        drive_data, values = self.judge.drives[number], in_lanes(self.judge.parameters(number, candidate[None])[:, 0])
         spec = self.plants[drive]
         names = tuple(spec.model().outputs)
         compiled = compile_model(spec.model(), spec.step, spec.integrator, spec.substeps, names)
         nx, ny = compiled.nx, compiled.ny
-        noise = np.zeros((len(one.time), nx + ny, LANES))
+        noise = np.zeros((len(drive_data.time), nx + ny, LANES))
         batch = Simulator(compiled).run(
-            in_lanes(one.inputs),
+            in_lanes(drive_data.inputs),
             compiled.constants(values),
             np.zeros((nx, LANES)),
             np.zeros((ny, LANES)),
             noise,
-            in_lanes(one.first_mean),
+            in_lanes(drive_data.first_mean),
         )
         batch.truth[int(batch.left_at[0]) :] = np.nan
         return {name: batch.truth[:, i, 0] for i, name in enumerate(names)}

@@ -88,10 +88,10 @@ def search(variant: str, seed: int, iterations: int) -> Outcome:
     begin = time.process_time()
     if method == "em":
         settings = Settings.model_validate(given | {"iterations": iterations})
-        found = Maximisation(spec, FREE, [drive], settings).run(seed)
-        path = np.array([p.free for p in found.history])
-        process = np.sqrt([p.process for p in found.history])
-        return Outcome(found.point.free, path, process, found.converged, time.process_time() - begin)
+        result = Maximisation(spec, FREE, [drive], settings).run(seed)
+        path = np.array([p.free for p in result.history])
+        process = np.sqrt([p.process for p in result.history])
+        return Outcome(result.point.free, path, process, result.converged, time.process_time() - begin)
     file = load_method(method)
     problem = Problem(Innovations(spec, jobs=1), (drive,), FREE, seed)
     fit = file.identify(problem, settings_of(file, given))
@@ -135,23 +135,23 @@ def main(arguments: Sequence[str]) -> None:
     chosen, console = _arguments().parse_args(arguments), Console(stderr=True)
     if min(chosen.repeats, chosen.beside, chosen.iterations, chosen.jobs) < 1 or chosen.seed < 0:
         raise UserError("repeats, beside, iterations and jobs must be at least 1, the seed at least 0")
-    found: dict[str, list[Outcome]] = {}
+    outcomes: dict[str, list[Outcome]] = {}
     for number, variant in enumerate(VARIANTS):
         count = min(chosen.beside, chosen.repeats) if number else chosen.repeats
         search(variant, chosen.seed, 1)  # compiles, so that the times below are those of the fit
         seeds = range(chosen.seed, chosen.seed + count)
         fits = (joblib.delayed(search)(variant, seed, chosen.iterations) for seed in seeds)
-        found[variant] = joblib.Parallel(chosen.jobs)(fits)
-        spent = np.median([o.seconds for o in found[variant]])
+        outcomes[variant] = joblib.Parallel(chosen.jobs)(fits)
+        spent = np.median([o.seconds for o in outcomes[variant]])
         console.print(f"{variant}: {count} recordings, median {spent:.1f} s of CPU time each")
     truth = np.array([car(start=False).values[name] for name in FREE])
     command = f"python -m reproductions.sun_em {shlex.join(arguments)}"
     over = profiles(chosen.seed)
-    report(truth, found, over, command).write(chosen.out)
-    values = {v.replace(", ", "_").replace(" ", "_"): np.array([o.values for o in fs]) for v, fs in found.items()}
-    known = {"truth": truth, "parameters": np.array(FREE), "profile_values": over[0], "profile_q": over[1]}
-    known["iterations"] = np.array([len(o.path) - 1 for o in found["EM, smoother"]])
-    save(chosen.out, "identify-em", command, {**known, **values})
+    report(truth, outcomes, over, command).write(chosen.out)
+    values = {v.replace(", ", "_").replace(" ", "_"): np.array([o.values for o in fs]) for v, fs in outcomes.items()}
+    stored = {"truth": truth, "parameters": np.array(FREE), "profile_values": over[0], "profile_q": over[1]}
+    stored["iterations"] = np.array([len(o.path) - 1 for o in outcomes["EM, smoother"]])
+    save(chosen.out, "identify-em", command, {**stored, **values})
     print(f"wrote {chosen.out}/report.html")
 
 

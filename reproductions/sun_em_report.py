@@ -55,16 +55,16 @@ def errors(outcomes: Sequence[Outcome], truth: Floats) -> Floats:
     return 100 * np.abs(np.array([o.values for o in outcomes]) / truth - 1)
 
 
-def report(truth: Floats, found: Mapping[str, Sequence[Outcome]], q: tuple[Floats, Floats], command: str) -> Report:
+def report(truth: Floats, outcomes: Mapping[str, Sequence[Outcome]], q: tuple[Floats, Floats], command: str) -> Report:
     """Return the report.
 
     Args:
         truth: The plant's parameters ``(free,)``.
-        found: Outcomes by variant; the first is EM with the smoother, on all recordings.
+        outcomes: Outcomes by variant; the first is EM with the smoother, on all recordings.
         q: Values of each parameter and Q there, both ``(free, points)``.
         command: That made the report.
     """
-    main, runs = next(iter(found)), next(iter(found.values()))
+    main, runs = next(iter(outcomes)), next(iter(outcomes.values()))
     median = np.median(errors(runs, truth), axis=0)
     within = sum(m <= goal for m, goal in zip(median, GOALS, strict=True))
     blocks: list[Block] = [
@@ -97,7 +97,7 @@ def report(truth: Floats, found: Mapping[str, Sequence[Outcome]], q: tuple[Float
             "Q over four parameters",
         ),
         Heading("How do smoother, filter, search and likelihood differ?"),
-        _comparison(found, truth),
+        _comparison(outcomes, truth),
         Prose(
             plain(
                 "The filter's E-step weighs pairs of neighbouring samples by the measurements up to the later one, "
@@ -137,10 +137,10 @@ def _table(runs: Sequence[Outcome], truth: Floats) -> Sheet:
     return Sheet(header, rows, f"Table 3.2 of Sun (one run) beside {len(runs)} recordings with fresh noise.")
 
 
-def _comparison(found: Mapping[str, Sequence[Outcome]], truth: Floats) -> Sheet:
-    count = min(len(outcomes) for outcomes in found.values())
+def _comparison(by_variant: Mapping[str, Sequence[Outcome]], truth: Floats) -> Sheet:
+    count = min(len(outcomes) for outcomes in by_variant.values())
     rows = []
-    for name, outcomes in found.items():
+    for name, outcomes in by_variant.items():
         some = outcomes[:count]
         median = np.median(errors(some, truth), axis=0)
         rows.append(

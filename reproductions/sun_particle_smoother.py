@@ -71,7 +71,7 @@ def rmse_of_runs(repeats: int, seed: int, sizes: Sequence[int] = SIZES) -> dict[
         belief = kalman.belief(constants, variance, r)
         state, _ = kalman.step(state, inputs[k - 1], inputs[k], y[k], belief)
         means.append(state.mean)
-    found = {("extended Kalman filter", 0): rmse([np.array(means)[:, :, i] for i in range(repeats)])}
+    errors = {("extended Kalman filter", 0): rmse([np.array(means)[:, :, i] for i in range(repeats)])}
     for size in sizes:
         estimator = Estimator("particle", compiled, {"particles": size, "resampling": "stratified", "threshold": 1.0})
         seeds = [np.random.SeedSequence(seed, spawn_key=(lane, size)) for lane in range(LANES)]
@@ -79,12 +79,12 @@ def rmse_of_runs(repeats: int, seed: int, sizes: Sequence[int] = SIZES) -> dict[
         belief = estimator.belief(constants, variance, r)
         runs = run_filter(estimator, inputs, y, belief, first, repeats)
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(LANES, size)))
-        found["particle filter", size] = rmse([c.mean for c in runs])
-        found["smoother (reweighting)", size] = rmse([mean_of(c.particles, reweight(c)) for c in runs])
-        found["smoother (backward simulation)", size] = rmse(
+        errors["particle filter", size] = rmse([c.mean for c in runs])
+        errors["smoother (reweighting)", size] = rmse([mean_of(c.particles, reweight(c)) for c in runs])
+        errors["smoother (backward simulation)", size] = rmse(
             [simulate_backward(c, size, rng).mean(axis=1) for c in runs]
         )
-    return found
+    return errors
 
 
 def main() -> None:
@@ -93,12 +93,12 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=4, choices=range(1, LANES + 1), help="runs with fresh noise")
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
-    found = rmse_of_runs(arguments.repeats, arguments.seed)
+    errors = rmse_of_runs(arguments.repeats, arguments.seed)
     print(f"RMSE over 500 steps of 10 ms; ours: mean and standard deviation of {arguments.repeats} runs\n")
     print(f"{'':<32}{'N':>6}{'v_y in m/s':>20}{'yaw rate in rad/s':>22}{'heading in rad':>22}")
     for name, theirs in PRINTED.items():
         print(f"{'Sun: ' + name:<32}{50:>6}{theirs[0]:>20}{theirs[1]:>22}{theirs[2]:>22}")
-    for (name, size), values in found.items():
+    for (name, size), values in errors.items():
         spread = values.std(axis=0, ddof=1) if len(values) > 1 else np.zeros(3)
         cells = [f"{m:.3g} ± {s:.1g}" for m, s in zip(values.mean(axis=0), spread, strict=True)]
         print(f"{name:<32}{size or '':>6}{cells[0]:>20}{cells[1]:>22}{cells[2]:>22}")

@@ -91,7 +91,7 @@ def setup(path: Path, seed: int, jobs: int) -> Setup:
             if load not in (loads[d.name] for d in some):
                 raise UserError(f"{path}: no drive begins with '{part}-{load}-'; the study needs one")
     specs = {load: plant(load) for load in LOADS}
-    known = {name: {"trailer_mass": specs[load].values["trailer_mass"]} for name, load in loads.items()}
+    per_drive = {name: {"trailer_mass": specs[load].values["trailer_mass"]} for name, load in loads.items()}
     free = [Free(name, *ends) for name, ends in BOUNDS.items()]
     free += [Free(*COG, tuple(n for n in loads if loads[n] == load)) for load in LOADS]
     hidden = [specs["laden"].values[name] for name in BOUNDS] + [specs[load].values[COG[0]] for load in LOADS]
@@ -101,7 +101,7 @@ def setup(path: Path, seed: int, jobs: int) -> Setup:
     for part, some in drives.items():
         names = [d.name for d in some]
         own = [Free(f.parameter, f.lower, f.upper, tuple(n for n in f.drives if n in names)) for f in free]
-        costs[part] = Misfit(compiled, spec.values, own, some, known, jobs)
+        costs[part] = Misfit(compiled, spec.values, own, some, per_drive, jobs)
     plants = {name: specs[load] for name, load in loads.items()}
     return Setup(costs["fit"], costs["judge"], np.array(hidden), plants, profiles)
 
@@ -114,8 +114,8 @@ def swarm_over_logarithms(cost: Misfit, seed: int, settings: Settings) -> SwarmR
         return np.where(wide, 10.0 ** np.where(wide, z, 0.0), z)
 
     lower, upper = (np.where(wide, np.log10(end), end) for end in (cost.lower, cost.upper))
-    found = optimise(lambda z: cost(to_si(z)), lower, upper, seed, settings)
-    return replace(found, values=to_si(found.values))
+    result = optimise(lambda z: cost(to_si(z)), lower, upper, seed, settings)
+    return replace(result, values=to_si(result.values))
 
 
 def evolve(cost: Misfit, seed: int, settings: Settings) -> SwarmResult:
@@ -125,10 +125,10 @@ def evolve(cost: Misfit, seed: int, settings: Settings) -> SwarmResult:
 
     def judged(candidates: Floats) -> Floats:
         nonlocal diverged
-        found = cost(candidates.T)
-        diverged += int(np.sum(~np.isfinite(found)))
-        history.append(min(float(found.min()), history[-1] if history else np.inf))
-        return np.where(np.isfinite(found), found, 1e6)  # the convergence test of SciPy takes means
+        costs = cost(candidates.T)
+        diverged += int(np.sum(~np.isfinite(costs)))
+        history.append(min(float(costs.min()), history[-1] if history else np.inf))
+        return np.where(np.isfinite(costs), costs, 1e6)  # the convergence test of SciPy takes means
 
     rng = np.random.default_rng(np.random.SeedSequence(seed))
     first = cost.lower + (cost.upper - cost.lower) * rng.random((settings.particles, len(cost.lower)))
@@ -162,15 +162,15 @@ def searched(
     Raises:
         UserError: If every candidate of a run diverged.
     """
-    found: dict[str, list[SwarmResult]] = {}
+    results: dict[str, list[SwarmResult]] = {}
     for name, runs in searches.items():
-        found[name] = []
+        results[name] = []
         for number, search in enumerate(runs):
             begin, own = time.perf_counter(), seed + number
             stem, state = f"{_stem(name)}_{number + 1:02d}", state_of(code, own)
             kept, there = parts.made(stem, state, partial(_as_arrays, search, own))
             run = SwarmResult(kept["values"], kept["history"], int(kept["evaluated"]), int(kept["diverged"]))
-            found[name].append(run)
+            results[name].append(run)
             spent = "kept from before" if there else f"{time.perf_counter() - begin:.0f} s"
             console.print(
                 f"{name} {number + 1} of {len(runs)}: cost {run.cost:.4f}, "
@@ -179,7 +179,7 @@ def searched(
             )
             if not np.isfinite(run.cost):
                 raise UserError(f"{name}: every candidate of run {number + 1} diverged; take more particles")
-    return found
+    return results
 
 
 def _as_arrays(search: Callable[[int], SwarmResult], seed: int) -> dict[str, Any]:
@@ -213,17 +213,17 @@ def main(arguments: Sequence[str]) -> None:
         "differential evolution": [lambda s: evolve(problem.fit, s, settings)] * chosen.beside,
     }
     code = state_of(LONG["identify-swarm"].code(), chosen.drives.read_bytes(), settings.model_dump())
-    found = searched(searches, chosen.seed, Parts(chosen.out / "runs"), code, console)
+    results = searched(searches, chosen.seed, Parts(chosen.out / "runs"), code, console)
     command = f"python -m reproductions.ziaukas_swarm {shlex.join(arguments)}"
-    report(problem, found, settings, command).write(chosen.out)
+    report(problem, results, settings, command).write(chosen.out)
     arrays = {}
-    for name, some in found.items():
+    for name, some in results.items():
         arrays[f"{_stem(name)}_values"] = np.array([f.values for f in some])
         arrays[f"{_stem(name)}_cost"] = np.array([f.history for f in some])
     arrays["hidden"], arrays["parameters"] = problem.hidden, np.array([f.parameter for f in problem.fit.free])
-    overall = min((f for some in found.values() for f in some), key=lambda f: f.cost)
+    overall = min((f for some in results.values() for f in some), key=lambda f: f.cost)
     judged = [problem.judged(drive.name, overall.values) for drive in problem.judge.drives]  # table 4.6
-    arrays["judged"] = np.array([list(one.values()) for one in judged])
+    arrays["judged"] = np.array([list(errors.values()) for errors in judged])
     arrays["judged_drives"] = np.array([drive.name for drive in problem.judge.drives])
     arrays["judged_outputs"] = np.array(list(judged[0]))
     arrays["hidden_cost"] = problem.fit(problem.hidden[None])

@@ -37,21 +37,21 @@ _POINTS = 1500
 """Drawn per line."""
 
 
-def report(problem: Setup, found: Mapping[str, Sequence[SwarmResult]], settings: Settings, command: str) -> Report:
+def report(problem: Setup, results: Mapping[str, Sequence[SwarmResult]], settings: Settings, command: str) -> Report:
     """Return the report.
 
     Args:
         problem: The drives and what was hidden.
-        found: What each optimiser found, run by run; the first is the swarm.
+        results: What each optimiser found, run by run; the first is the swarm.
         settings: Of the swarm.
         command: That made the report.
     """
-    runs = found["swarm"]
+    runs = results["swarm"]
     order = np.argsort([f.cost for f in runs])
     best, worst = runs[order[0]], runs[order[-1]]
     hidden = float(problem.fit(problem.hidden[None])[0])
     diverged = sum(f.diverged for f in runs) / sum(f.evaluated for f in runs)
-    winner, overall = min(((n, f) for n, fs in found.items() for f in fs), key=lambda pair: pair[1].cost)
+    winner, overall = min(((n, f) for n, fs in results.items() for f in fs), key=lambda pair: pair[1].cost)
     near = sum(f.cost < 1.05 * best.cost for f in runs)
     blocks: list[Block] = [
         Prose(
@@ -69,12 +69,12 @@ def report(problem: Setup, found: Mapping[str, Sequence[SwarmResult]], settings:
         ),
         Heading("Do the swarms converge?"),
         Picture(
-            costs(found, hidden),
+            costs(results, hidden),
             "Cost (4.26) of the best candidate so far (Bild 4.7), with differential evolution of as many candidates "
             f"beside it: {settings.particles} candidates, {settings.iterations} iterations.",
             "Cost over the iterations",
         ),
-        _optimisers(found),
+        _optimisers(results),
         Heading("What was found?"),
         _parameters(problem.fit.free, runs, (best, overall), problem.hidden),
         Heading("Does the simulation follow held-out drives?"),
@@ -111,9 +111,9 @@ def _label(free: Free) -> str:
     return words(free.parameter) + load
 
 
-def _optimisers(found: Mapping[str, Sequence[SwarmResult]]) -> Sheet:
+def _optimisers(results: Mapping[str, Sequence[SwarmResult]]) -> Sheet:
     rows = []
-    for name, runs in found.items():
+    for name, runs in results.items():
         cost = [f.cost for f in runs]
         share = sum(f.diverged for f in runs) / sum(f.evaluated for f in runs)
         rows.append(
@@ -137,14 +137,14 @@ def _parameters(
     free: Sequence[Free], runs: Sequence[SwarmResult], chosen: tuple[SwarmResult, SwarmResult], hidden: Floats
 ) -> Sheet:
     rows, spread = [], _spread(free, runs)
-    for i, one in enumerate(free):
+    for i, parameter in enumerate(free):
         rows.append(
             [
-                _label(one),
-                style.number(one.lower),
-                style.number(one.upper),
+                _label(parameter),
+                style.number(parameter.lower),
+                style.number(parameter.upper),
                 style.number(float(hidden[i])),
-                *(_value(one, f.values[i]) for f in chosen),
+                *(_value(parameter, f.values[i]) for f in chosen),
                 style.percent(float(spread[i])),
             ]
         )
@@ -192,8 +192,11 @@ def histograms(
     with style.drawing():
         fig = style.figure(8.6)
         axes = fig.subplots()
-        for i, one in enumerate(free):
-            row, place = len(free) - 1 - i, lambda v, one=one: (v - one.lower) / (one.upper - one.lower)
+        for i, parameter in enumerate(free):
+            row, place = (
+                len(free) - 1 - i,
+                lambda v, parameter=parameter: (v - parameter.lower) / (parameter.upper - parameter.lower),
+            )
             heights, edges = np.histogram(place(values[:, i]), bins=20, range=(0.0, 1.0))
             axes.bar(
                 edges[:-1], 0.8 * heights / len(runs), 0.05, bottom=row, align="edge", color=_RUN, alpha=0.55, lw=0
@@ -217,12 +220,12 @@ def histograms(
         return style.svg(fig)
 
 
-def costs(found: Mapping[str, Sequence[SwarmResult]], hidden: float) -> bytes:
+def costs(results: Mapping[str, Sequence[SwarmResult]], hidden: float) -> bytes:
     """Draw the cost over the iterations, a panel per optimiser (Bild 4.7)."""
     with style.drawing():
-        fig = style.figure(1.0 + 2.1 * len(found))
-        panels = fig.subplots(len(found), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
-        for axes, (name, runs) in zip(panels, found.items(), strict=True):
+        fig = style.figure(1.0 + 2.1 * len(results))
+        panels = fig.subplots(len(results), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
+        for axes, (name, runs) in zip(panels, results.items(), strict=True):
             order = np.argsort([f.cost for f in runs])
             for place in [*order[1:-1], order[-1], order[0]]:
                 colour = _BEST if place == order[0] else _WORST if place == order[-1] else _RUN

@@ -1,4 +1,4 @@
-"""What positions say about the gains of a gyroscope and of the speed signal.
+"""Ranges of the gains of a gyroscope and of the speed signal, measured by positions.
 
 A gyroscope that reads too much, or the more so the faster the vehicle goes, looks like a vehicle that turns in another
 way, and a speed that is read too low like an accelerometer that leans. Positions tell them apart, whatever the vehicle:

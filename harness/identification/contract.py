@@ -1,4 +1,4 @@
-"""What a method of identification gets and gives. Methods are the files of ``harness/identification/methods``.
+"""Contract of a method of identification. Methods are the files of ``harness/identification/methods``.
 
 A method exports
 

@@ -1,4 +1,4 @@
-"""What the errors of recorded inputs do to the state and the outputs of a model, by exact derivatives.
+"""Effect of the errors of recorded inputs on the state and the outputs of a model, by exact derivatives.
 
 With an error ``e`` of the inputs, of covariance ``P``, the next state is off by ``G e`` and the outputs by ``D e``.
 So a filter has the process noise ``G P G'`` more, the measurement noise ``D P D'``, and both are correlated by

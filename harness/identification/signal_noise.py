@@ -1,4 +1,4 @@
-"""What a signal shows of its own noise, whatever the model: its white part, and the steps in which it is recorded."""
+"""Noise of a signal by the signal alone: its white part, and the steps in which it is recorded."""
 
 from __future__ import annotations
 

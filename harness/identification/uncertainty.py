@@ -1,4 +1,4 @@
-"""How well recordings determine what was fitted: errors, correlation, profiles, and a verdict in words.
+"""Uncertainty of a fit: standard errors, correlation, profile likelihoods, and a verdict in words.
 
 Standard errors and correlation follow from the Fisher information. Where the likelihood is no parabola they mislead,
 so the 95 % interval is taken from the profile likelihood: all values whose likelihood, with everything else refitted,

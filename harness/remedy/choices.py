@@ -1,4 +1,4 @@
-"""What is tried against parameters that are not as believed: estimate or consider them, a bank over them, a sensor."""
+"""Remedies for parameters that are not as believed: estimate or consider them, a bank over them, a sensor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a remedy does to the errors of a study, and which one is worth it."""
+"""Effect of a remedy on the errors of a study, and the choice of the remedy that is worth it."""
 
 from __future__ import annotations
 

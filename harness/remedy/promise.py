@@ -1,4 +1,4 @@
-"""What could be known at best: of the parameters that drive the error, and of the targets with these unknown."""
+"""Bounds on what can be known: of the parameters that drive the error, and of the targets with these unknown."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What helps against what a trace found, where it cannot be modelled online: the amended plant, the nominal belief."""
+"""Remedies for what a trace found and no online model has: the amended plant, the nominal belief."""
 
 from __future__ import annotations
 

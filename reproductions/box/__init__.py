@@ -1,4 +1,4 @@
-"""Which findings of the dissertation (Ziaukas 2023, chapter 5) survive what it does not publish.
+"""Findings of the dissertation (Ziaukas 2023, chapter 5) over the box of what it does not publish.
 
 What the dissertation leaves open becomes a box (``factors``). A Sobol sequence over it says how the studies of
 chapter 5 turn out at each point (``studies``, ``points``). ``evidence`` tests the findings of the campaign there and

@@ -70,7 +70,7 @@ def main(arguments: Sequence[str]) -> None:
     best = int(np.argmin([search.score(p, s) for p, s in zip(everyone, every_says, strict=True)]))
     chosen_point = everyone[best]
     richest = most_findings(everyone, every_says)
-    found = report.Found(
+    result = report.BoxResult(
         points,
         says,
         survivals(points, says, chosen.jobs),
@@ -83,13 +83,15 @@ def main(arguments: Sequence[str]) -> None:
         nearest.tell(chosen_point.number, chosen_point.at, chosen.jobs),
         f"python -m reproductions.box {shlex.join(arguments)}",
     )
-    report.report(found).write(chosen.out)
-    data = as_json(found, folder.code)
-    write_files(chosen.out, {"box.json": json_text(data), **nearest.as_toml(found.nearest_told.at, found.command)})
+    report.report(result).write(chosen.out)
+    data = as_json(result, folder.code)
+    write_files(
+        chosen.out, {"box.json": json_text(data), **nearest.as_toml(result.nearest_as_printed.at, result.command)}
+    )
     if chosen.page is not None:
         for content, marks in (
-            (report.markdown(found), (BEGIN, END)),
-            (nearest.markdown(found.nearest_told, found.command), (nearest.BEGIN, nearest.END)),
+            (report.markdown(result), (BEGIN, END)),
+            (nearest.markdown(result.nearest_as_printed, result.command), (nearest.BEGIN, nearest.END)),
         ):
             page = renewed(page, content, *marks)
         write_files(chosen.page.parent, {chosen.page.name: page})

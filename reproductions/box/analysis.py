@@ -1,4 +1,4 @@
-"""Where in the box a finding holds, and on what that hinges."""
+"""Region of the box in which a finding holds, and the factors on which that hinges."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from SALib.analyze import delta
 
 from harness.common.arrays import Floats
 from harness.common.statistics import Interval
-from reproductions.box.evidence import BILD_56, IN_BOX, PUBLISHED, Told, of_network
+from reproductions.box.evidence import BILD_56, IN_BOX, PUBLISHED, PointEvidence, of_network
 from reproductions.box.factors import FACTORS, onto_choices
 from reproductions.box.plausibility import plausibility
 from reproductions.box.points import SEED, Point
@@ -34,12 +34,12 @@ def margin(evidence: Sequence[Evidence]) -> float:
 
     The base is a factor of two of the ratio; a share of no run counts as a half run of 60.
     """
-    found = []
+    margins = []
     for e in evidence:
         value = max(e.value.value, 0.5 / 60) if np.isfinite(e.value.value) else np.nan
         low, high = max(e.region[0], 1e-6), min(e.region[1], 1e6)
-        found.append(min(np.log2(value / low), np.log2(high / value)))
-    worst = np.nanmin(found) if np.isfinite(found).any() else -LARGEST_MARGIN
+        margins.append(min(np.log2(value / low), np.log2(high / value)))
+    worst = np.nanmin(margins) if np.isfinite(margins).any() else -LARGEST_MARGIN
     return float(np.clip(worst, -LARGEST_MARGIN, LARGEST_MARGIN))
 
 
@@ -96,7 +96,7 @@ class Survival:
         return "nearly nowhere" if self.share.upper <= NOWHERE else "in part"
 
 
-def survivals(points: Sequence[Point], says: Sequence[Told], jobs: int = 1) -> list[Survival]:
+def survivals(points: Sequence[Point], says: Sequence[PointEvidence], jobs: int = 1) -> list[Survival]:
     """Return where each finding of ``IN_BOX`` holds, from the points of the sequence.
 
     The shares have exact binomial intervals, which are wide for a Sobol sequence.
@@ -104,7 +104,7 @@ def survivals(points: Sequence[Point], says: Sequence[Told], jobs: int = 1) -> l
     places = np.array([p.place for p in points])
     every, filters = (np.array([s.holds(network) for s in says]) for network in (True, False))
     margins = [np.array([margin(_of_filters(s.findings[k])) for s in says]) for k in range(len(IN_BOX))]
-    hinges = joblib.Parallel(jobs)(joblib.delayed(_hinge)(places, one) for one in margins)
+    hinges = joblib.Parallel(jobs)(joblib.delayed(_hinge)(places, own) for own in margins)
     return [
         Survival(share(int(every[:, k].sum()), len(says)), share(int(filters[:, k].sum()), len(says)), hinges[k])
         for k in range(len(IN_BOX))
@@ -115,7 +115,7 @@ RARE = 0.1
 """Share of the points below which a finding is too rare to be said to exclude another."""
 
 
-def exclusions(says: Sequence[Told]) -> list[tuple[int, int, float]]:
+def exclusions(says: Sequence[PointEvidence]) -> list[tuple[int, int, float]]:
     """Return the pairs of findings that hold together least, against what their shares alone would give.
 
     Returns:
@@ -124,16 +124,16 @@ def exclusions(says: Sequence[Told]) -> list[tuple[int, int, float]]:
     """
     holds = np.array([s.holds() for s in says], dtype=float)
     shares, both = holds.mean(axis=0), holds.T @ holds / len(says)
-    found = [
+    pairs = [
         (a, b, float(both[a, b] / (shares[a] * shares[b])))
         for a in range(len(shares))
         for b in range(a + 1, len(shares))
         if min(shares[a], shares[b]) >= RARE
     ]
-    return sorted((pair for pair in found if pair[2] < 0.5), key=lambda pair: pair[2])
+    return sorted((pair for pair in pairs if pair[2] < 0.5), key=lambda pair: pair[2])
 
 
-def most_findings(points: Sequence[Point], says: Sequence[Told]) -> int:
+def most_findings(points: Sequence[Point], says: Sequence[PointEvidence]) -> int:
     """Return which point has most findings.
 
     Of those whose vehicle is plausible and whose medians of the ideal case (Bild 5.6) are within a factor of two, or of
@@ -156,6 +156,6 @@ def _hinge(places: Floats, margins: Floats) -> Hinge | None:
     if np.ptp(margins) == 0.0:
         return None
     problem = {"num_vars": len(FACTORS), "names": [f.name for f in FACTORS], "bounds": [[0.0, 1.0]] * len(FACTORS)}
-    found = delta.analyze(problem, places, margins, method="sobol", seed=SEED)
-    first, error = (np.asarray(found[key], dtype=float) for key in ("S1", "S1_conf"))
+    indices = delta.analyze(problem, places, margins, method="sobol", seed=SEED)
+    first, error = (np.asarray(indices[key], dtype=float) for key in ("S1", "S1_conf"))
     return Hinge(first, error, total_indices(places, margins, SEED, onto_choices))

@@ -1,4 +1,4 @@
-"""What the box gave as plain data: ``box.json``."""
+"""Plain data of the box: ``box.json``."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from harness.study.provenance import commit
 from reproductions.box.analysis import Hinge
 from reproductions.box.evidence import IN_BOX, PUBLISHED
 from reproductions.box.factors import FACTORS
-from reproductions.box.report import Found
+from reproductions.box.report import BoxResult
 
 
-def as_json(found: Found, state: str) -> dict[str, Any]:
+def as_json(result: BoxResult, state: str) -> dict[str, Any]:
     """Return shares, hinges, numbers and the nearest point; ``state`` is that of the code."""
     findings = []
-    for claim, survival, holds in zip(IN_BOX, found.survivals, found.told.holds(), strict=True):
+    for claim, survival, holds in zip(IN_BOX, result.survivals, result.nearest_evidence.holds(), strict=True):
         findings.append(
             {
                 "finding": claim.text,
@@ -28,20 +28,20 @@ def as_json(found: Found, state: str) -> dict[str, Any]:
         )
     numbers = [
         {"number": p.words, "place": p.place, "theirs": p.theirs, "ours": list(n)}
-        for p, n in zip(PUBLISHED, found.told.numbers, strict=True)
+        for p, n in zip(PUBLISHED, result.nearest_evidence.numbers, strict=True)
     ]
-    first, trained = found.nearest_told.says
+    first, trained = result.nearest_as_printed.says
     return {
         "made": datetime.now(UTC).date().isoformat(),
         "commit": commit(),
         "code": state,
-        "points": len(found.points),
-        "searched": found.searched,
+        "points": len(result.points),
+        "searched": result.searched,
         "findings": findings,
         "nearest": {
-            "number": found.nearest.number,
-            "at": found.nearest_told.at,
-            "distance": found.told.off(),
+            "number": result.nearest.number,
+            "at": result.nearest_as_printed.at,
+            "distance": result.nearest_evidence.off(),
             "numbers": numbers,
             "printed": {
                 name: {"holds": says.holds(), "distance": says.off(), "numbers": [list(n) for n in says.numbers]}
@@ -49,13 +49,13 @@ def as_json(found: Found, state: str) -> dict[str, Any]:
             },
         },
         "most_findings": {
-            "number": found.richest.number,
-            "at": found.richest.at,
-            "holds": found.richest_told.holds(),
-            "distance": found.richest_told.off(),
-            "numbers": [list(n) for n in found.richest_told.numbers],
+            "number": result.richest.number,
+            "at": result.richest.at,
+            "holds": result.richest_evidence.holds(),
+            "distance": result.richest_evidence.off(),
+            "numbers": [list(n) for n in result.richest_evidence.numbers],
         },
-        "command": found.command,
+        "command": result.command,
     }
 
 

@@ -1,4 +1,4 @@
-"""What a point of the box says of the dissertation's findings and numbers."""
+"""Evidence of a point of the box on the dissertation's findings and numbers."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ def distance(theirs: float, ours: float) -> float:
 
 
 @dataclass(frozen=True)
-class Told:
+class PointEvidence:
     """What a point says.
 
     Attributes:
@@ -170,11 +170,11 @@ class Told:
         Args:
             network: Whether the network's count. A finding about nothing but the network counts either way.
         """
-        found = []
+        holding = []
         for evidence in self.findings:
             counted = [e for e in evidence if network or not of_network(e)] or list(evidence)
-            found.append(all(np.isfinite(e.value.value) and _inside(e) for e in counted))
-        return found
+            holding.append(all(np.isfinite(e.value.value) and _inside(e) for e in counted))
+        return holding
 
     def distances(self) -> Floats:
         """Return how far each number is off, see ``distance``."""
@@ -199,8 +199,8 @@ def of_network(evidence: Evidence) -> bool:
     return evidence.what.startswith((NETWORK, "network"))
 
 
-def told(point: Point) -> Told:
+def told(point: Point) -> PointEvidence:
     """Return what a point says of every finding and number."""
     results = PointResults(point)
     findings = tuple(tuple(claim.test(results)) for claim in IN_BOX)
-    return Told(findings, tuple(p.ours(results) for p in PUBLISHED))
+    return PointEvidence(findings, tuple(p.ours(results) for p in PUBLISHED))

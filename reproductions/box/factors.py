@@ -1,4 +1,4 @@
-"""What the dissertation does not publish, as a box: one factor each, with its range and the reason for it."""
+"""Factors of the box, which the dissertation does not publish: range and reason of each."""
 
 from __future__ import annotations
 
@@ -135,11 +135,11 @@ def place_of(at: Mapping[str, float]) -> Floats:
 
 def onto_choices(places: Floats) -> Floats:
     """Return places, ``(points, len(FACTORS))``, in the middle of their choice where a factor has choices."""
-    found = np.array(places, dtype=float)
+    chosen = np.array(places, dtype=float)
     for k, f in enumerate(FACTORS):
         if f.choices:
-            found[:, k] = [f.place(f.value(p)) for p in found[:, k]]
-    return found
+            chosen[:, k] = [f.place(f.value(p)) for p in chosen[:, k]]
+    return chosen
 
 
 def as_printed(at: Mapping[str, float]) -> dict[str, float]:

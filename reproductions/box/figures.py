@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 
 from harness.reporting import style
 from reproductions.box.analysis import Survival
-from reproductions.box.evidence import IN_BOX, PUBLISHED, PointResults, Told
+from reproductions.box.evidence import IN_BOX, PUBLISHED, PointEvidence, PointResults
 from reproductions.box.factors import FACTORS
 from reproductions.box.points import Point
 from reproductions.box.studies import EKF, NARX, UKF
@@ -22,12 +22,12 @@ READINGS = ((1e-5, "of the wheel"), (5.3e-3, "of the road wheels"))
 """Variances of the steering wheel in rad² per step, by what (5.3) is read as."""
 
 
-def shares(found: Sequence[Survival]) -> bytes:
+def shares(survivals: Sequence[Survival]) -> bytes:
     """Draw the share of the box in which each finding holds."""
     with style.drawing():
-        fig = style.figure(0.42 * len(found) + 1.4)
+        fig = style.figure(0.42 * len(survivals) + 1.4)
         axes = fig.subplots()
-        for k, survival in enumerate(found):
+        for k, survival in enumerate(survivals):
             for value, shift, colour, marker in (
                 (survival.share, -0.16, BLUE, "o"),
                 (survival.filters, 0.16, ORANGE, "s"),
@@ -35,7 +35,7 @@ def shares(found: Sequence[Survival]) -> bytes:
                 axes.hlines(k + shift, value.lower, value.upper, color=colour, lw=2.2)
                 axes.plot(value.value, k + shift, marker, color=colour, ms=5)
         axes.set_yticks(
-            range(len(found)), [textwrap.fill(f"{k}. {c.text}", 62) for k, c in enumerate(IN_BOX, 1)], size=7
+            range(len(survivals)), [textwrap.fill(f"{k}. {c.text}", 62) for k, c in enumerate(IN_BOX, 1)], size=7
         )
         axes.invert_yaxis()
         axes.set_xlim(-0.02, 1.02)
@@ -92,7 +92,7 @@ def medians(nearest: Point, trained: Point) -> bytes:
         return style.svg(fig)
 
 
-def steering(points: Sequence[Point], says: Sequence[Told]) -> bytes:
+def steering(points: Sequence[Point], says: Sequence[PointEvidence]) -> bytes:
     """Draw the delay of the input estimate and the distance of the numbers over the variance of the steering wheel."""
     names = [f.name for f in FACTORS]
     column = names.index("steering_variance")

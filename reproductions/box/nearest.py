@@ -24,7 +24,7 @@ from harness.models.quantities import listed
 from harness.reporting.document import Block, Drawing, Heading, Listing, Prose, Report, Section, Sheet, plain
 from harness.reporting.style import number
 from reproductions.box import figures, studies
-from reproductions.box.evidence import IN_BOX, PUBLISHED, Told, told
+from reproductions.box.evidence import IN_BOX, PUBLISHED, PointEvidence, told
 from reproductions.box.factors import as_printed
 from reproductions.box.plausibility import AXLES, Plausibility, plausibility
 from reproductions.box.points import Point, evaluate
@@ -51,7 +51,7 @@ class Nearest:
 
     at: dict[str, float]
     points: tuple[Point, Point]
-    says: tuple[Told, Told]
+    says: tuple[PointEvidence, PointEvidence]
 
 
 def tell(number: int, at: Mapping[str, float], jobs: int, trained: str = TRAINED) -> Nearest:
@@ -88,10 +88,10 @@ def as_toml(at: Mapping[str, float], command: str) -> dict[str, str]:
     }
 
 
-def in_words(found: Nearest) -> str:
+def in_words(nearest: Nearest) -> str:
     """Say how many findings hold and how far the numbers are off, with either network."""
     parts = []
-    for name, says in zip(NETWORKS, found.says, strict=True):
+    for name, says in zip(NETWORKS, nearest.says, strict=True):
         failing = [str(k) for k, held in enumerate(says.holds(), 1) if not held]
         parts.append(
             f"With the {name} {len(IN_BOX) - len(failing)} of {len(IN_BOX)} findings hold"
@@ -112,10 +112,10 @@ def vehicle_in_words(p: Plausibility) -> str:
     )
 
 
-def _numbers(found: Nearest) -> list[list[str]]:
+def _numbers(nearest: Nearest) -> list[list[str]]:
     """Return the rows of numbers, the network's once for each network."""
     rows = []
-    for published, first, second in zip(PUBLISHED, *map(number_rows, found.says), strict=True):
+    for published, first, second in zip(PUBLISHED, *map(number_rows, nearest.says), strict=True):
         rows.append(first)
         if published.network:
             rows.append([second[0].replace("network", NETWORKS[1]), *second[1:]])
@@ -125,40 +125,40 @@ def _numbers(found: Nearest) -> list[list[str]]:
 HELD_HEADER = ("", "finding", *(f"holds with the {name}" for name in NETWORKS))
 
 
-def _held(found: Nearest) -> list[list[str]]:
-    holds = zip(*(says.holds() for says in found.says), strict=True)
+def _held(nearest: Nearest) -> list[list[str]]:
+    holds = zip(*(says.holds() for says in nearest.says), strict=True)
     words = {True: "yes", False: "no"}
     return [
         [str(k), c.text, words[a], words[b]] for k, (c, (a, b)) in enumerate(zip(IN_BOX, holds, strict=True), start=1)
     ]
 
 
-def blocks(found: Nearest) -> list[Block]:
+def blocks(nearest: Nearest) -> list[Block]:
     """Return the section of a report."""
     return [
         Heading("The point nearest to the dissertation"),
-        Prose(plain(f"{vehicle_in_words(plausibility(found.at))} {in_words(found)}")),
+        Prose(plain(f"{vehicle_in_words(plausibility(nearest.at))} {in_words(nearest)}")),
         Drawing(
-            lambda: figures.medians(*found.points),
+            lambda: figures.medians(*nearest.points),
             f"Ideal case at the nearest point, six drives, {studies.REPEATS} runs each. Diamonds: medians of Bild 5.6.",
             "box plots of the ideal case beside the published medians",
         ),
-        Sheet(NUMBER_HEADER, _numbers(found), "Numbers of chapter 5 and ours at the nearest point.", left=2),
-        Sheet(HELD_HEADER, _held(found), "Findings of chapter 5 at the nearest point.", left=4),
-        Sheet(FACTOR_HEADER, factor_rows(found.at), f"The nearest point, number {found.points[0].number}.", left=1),
+        Sheet(NUMBER_HEADER, _numbers(nearest), "Numbers of chapter 5 and ours at the nearest point.", left=2),
+        Sheet(HELD_HEADER, _held(nearest), "Findings of chapter 5 at the nearest point.", left=4),
+        Sheet(FACTOR_HEADER, factor_rows(nearest.at), f"The nearest point, number {nearest.points[0].number}.", left=1),
     ]
 
 
-def markdown(found: Nearest, command: str) -> str:
+def markdown(nearest: Nearest, command: str) -> str:
     """Return the tables of the page."""
     return "\n\n".join(
         [
-            f"Written by `{command}`, for point {found.points[0].number}.",
-            vehicle_in_words(plausibility(found.at)),
-            in_words(found),
-            table(NUMBER_HEADER, _numbers(found)),
-            table(HELD_HEADER, _held(found)),
-            table(FACTOR_HEADER, factor_rows(found.at)),
+            f"Written by `{command}`, for point {nearest.points[0].number}.",
+            vehicle_in_words(plausibility(nearest.at)),
+            in_words(nearest),
+            table(NUMBER_HEADER, _numbers(nearest)),
+            table(HELD_HEADER, _held(nearest)),
+            table(FACTOR_HEADER, factor_rows(nearest.at)),
         ]
     )
 
@@ -180,16 +180,16 @@ def main(arguments: Sequence[str]) -> None:
     command = f"python -m reproductions.box.nearest {shlex.join(arguments)}"
     point = box.committed().nearest
     trained = Path(chosen.network)
-    found = tell(
+    nearest = tell(
         point.number, point.at, max(chosen.jobs, 1), str(trained.resolve()) if trained.suffix else chosen.network
     )
     title = "What do the studies of chapter 5 say at the point nearest to them?"
-    made: list[Block] = [Section(lambda: blocks(found), title), Listing(command)]
+    made: list[Block] = [Section(lambda: blocks(nearest), title), Listing(command)]
     Report(title, made).write(chosen.out)
-    write_files(chosen.out, as_toml(found.at, command))
+    write_files(chosen.out, as_toml(nearest.at, command))
     if page is not None:
-        write_files(chosen.page.parent, {chosen.page.name: renewed(page, markdown(found, command), BEGIN, END)})
-    print(in_words(found))
+        write_files(chosen.page.parent, {chosen.page.name: renewed(page, markdown(nearest, command), BEGIN, END)})
+    print(in_words(nearest))
     print(f"wrote {chosen.out}/report.html")
 
 

@@ -1,4 +1,4 @@
-"""Whether the vehicle of a point could be a real one: loads, understeer, stability."""
+"""Plausibility of the vehicle of a point: loads, understeer, stability."""
 
 from __future__ import annotations
 
@@ -59,13 +59,13 @@ def plausibility(at: Mapping[str, float]) -> Plausibility:
     constants = compiled.constants(np.repeat(values[:, None], LANES, axis=1))
     x, u = np.zeros((compiled.nx, LANES)), np.zeros((compiled.nu, LANES))
     u[list(compiled.model.inputs).index("speed")] = SPEED
-    told = np.empty((2 * len(AXLES), LANES))
-    compiled.kernels.signals(x, u, constants, told)
+    signals = np.empty((2 * len(AXLES), LANES))
+    compiled.kernels.signals(x, u, constants, signals)
     jacobian = np.empty((compiled.nx, compiled.nx, LANES))
     compiled.kernels.drift_jacobian(x, u, constants, jacobian)
     eigenvalues = np.linalg.eigvals(jacobian[:, :, 0])
     if at["constraint_rate"] == 0.0:  # as printed, a violated tie stays as it is
         eigenvalues = np.delete(eigenvalues, np.argmin(np.abs(eigenvalues)))
-    loads, stiffness = told[: len(AXLES), 0], told[len(AXLES) :, 0]
+    loads, stiffness = signals[: len(AXLES), 0], signals[len(AXLES) :, 0]
     understeer = (loads[0] / stiffness[0] - loads[1] / stiffness[1]) / GRAVITY
     return Plausibility(loads, stiffness, float(understeer), float(eigenvalues.real.max()))

@@ -67,13 +67,13 @@ def evaluate(number: int, at: Mapping[str, float], jobs: int, network: str = stu
     for kernel in range(evaluator.kernels):
         evaluator.warm_up(kernel)
     every = [u for design in study.designs for u in units(study, design)]
-    found = joblib.Parallel(jobs, backend="threading")(joblib.delayed(evaluator.evaluate)(u) for u in every)
+    results = joblib.Parallel(jobs, backend="threading")(joblib.delayed(evaluator.evaluate)(u) for u in every)
     scores: dict[str, NDArray[Any]] = {}
     for d, design in enumerate(study.designs):
         for score in SCORES:
             rows = [
                 [
-                    np.concatenate([r[score] for u, r in zip(every, found, strict=True) if where(u, d, band, drive)])
+                    np.concatenate([r[score] for u, r in zip(every, results, strict=True) if where(u, d, band, drive)])
                     for drive in range(len(study.drives))
                 ]
                 for band in range(design.bands)
@@ -105,8 +105,8 @@ def steering_delay(evaluator: StudyEvaluator) -> tuple[float, float]:
 def lag(estimate: Floats, true: Floats, step: float) -> float:
     """Return by how much an estimate lags behind the truth, s: where their correlation is largest."""
     lags = np.arange(int(DELAY_LIMIT / step))
-    found = [np.corrcoef(estimate[k:], true[: len(true) - k])[0, 1] for k in lags]
-    return float(lags[int(np.argmax(found))] * step)
+    correlations = [np.corrcoef(estimate[k:], true[: len(true) - k])[0, 1] for k in lags]
+    return float(lags[int(np.argmax(correlations))] * step)
 
 
 def ripple(estimate: Floats, step: float) -> float:

@@ -24,7 +24,7 @@ from harness.reporting.document import (
 from harness.reporting.style import number, percent
 from reproductions.box import figures, nearest
 from reproductions.box.analysis import Survival
-from reproductions.box.evidence import BILD_56, IN_BOX, PUBLISHED, Told
+from reproductions.box.evidence import BILD_56, IN_BOX, PUBLISHED, PointEvidence
 from reproductions.box.factors import FACTORS
 from reproductions.box.nearest import Nearest
 from reproductions.box.points import Point
@@ -34,7 +34,7 @@ from reproductions.published.page import table
 
 
 @dataclass(frozen=True)
-class Found:
+class BoxResult:
     """What the box gave.
 
     Attributes:
@@ -43,53 +43,54 @@ class Found:
         survivals: By finding.
         searched: How many points the search added.
         nearest: The point nearest to the dissertation.
-        told: What it says.
+        nearest_evidence: What it says.
         richest: The point with most findings, see ``analysis.most_findings``.
-        richest_told: What it says.
+        richest_evidence: What it says.
         exclusions: See ``analysis.exclusions``.
-        nearest_told: The nearest point with its factors as printed, with the project's network and one trained there.
+        nearest_as_printed: The nearest point with its factors as printed, with the project's network and one
+            trained there.
         command: That made it.
     """
 
     points: Sequence[Point]
-    says: Sequence[Told]
+    says: Sequence[PointEvidence]
     survivals: Sequence[Survival]
     searched: int
     nearest: Point
-    told: Told
+    nearest_evidence: PointEvidence
     richest: Point
-    richest_told: Told
+    richest_evidence: PointEvidence
     exclusions: Sequence[tuple[int, int, float]]
-    nearest_told: Nearest
+    nearest_as_printed: Nearest
     command: str
 
 
-def report(found: Found) -> Report:
+def report(result: BoxResult) -> Report:
     """Return the report."""
     return Report(
         "Which findings of the dissertation survive what it does not publish?",
         [
-            Section(lambda: _answer(found), "Answer"),
-            Section(lambda: _findings(found), "Where each finding holds, and on what it hinges"),
-            Section(lambda: nearest.blocks(found.nearest_told), "The point nearest to the dissertation"),
-            Section(lambda: _richest(found), "Where most findings hold"),
-            Section(lambda: _steering(found), "Which steering noise?"),
-            Section(lambda: _box(found), "The box"),
+            Section(lambda: _answer(result), "Answer"),
+            Section(lambda: _findings(result), "Where each finding holds, and on what it hinges"),
+            Section(lambda: nearest.blocks(result.nearest_as_printed), "The point nearest to the dissertation"),
+            Section(lambda: _richest(result), "Where most findings hold"),
+            Section(lambda: _steering(result), "Which steering noise?"),
+            Section(lambda: _box(result), "The box"),
         ],
     )
 
 
-def _answer(found: Found) -> list[Block]:
+def _answer(result: BoxResult) -> list[Block]:
     by_verdict = {
-        verdict: [str(k) for k, s in enumerate(found.survivals, 1) if s.verdict == verdict]
+        verdict: [str(k) for k, s in enumerate(result.survivals, 1) if s.verdict == verdict]
         for verdict in ("nearly everywhere", "in part", "nearly nowhere")
     }
     texts = [
         f"{len(numbers)} hold {verdict} (number {listed(numbers)})" if numbers else f"none holds {verdict}"
         for verdict, numbers in by_verdict.items()
     ]
-    holds = sum(found.told.holds())
-    distances = found.told.distances()
+    holds = sum(result.nearest_evidence.holds())
+    distances = result.nearest_evidence.distances()
     within = sum(d <= 1.0 for d in distances)
     items = [
         ("Which findings survive?", f"Of the {len(IN_BOX)} findings of chapter 5, in the box {'; '.join(texts)}."),
@@ -97,17 +98,17 @@ def _answer(found: Found) -> list[Block]:
             "How near can one come?",
             f"At the nearest point {holds} of {len(IN_BOX)} findings hold, and {within} of {len(PUBLISHED)} published "
             f"numbers are within a factor of two; root mean square distance: a factor of "
-            f"{number(2 ** found.told.off(), 2)}.",
+            f"{number(2 ** result.nearest_evidence.off(), 2)}.",
         ),
-        ("Where do most findings hold?", richest_in_words(found)),
+        ("Where do most findings hold?", richest_in_words(result)),
     ]
     return [
         Heading("Answer"),
         Bullets([f"{strong(question)} {plain(text)}" for question, text in items]),
         Drawing(
-            lambda: figures.shares(found.survivals),
-            f"Share of {len(found.points)} points of a Sobol sequence over {len(FACTORS)} factors at which all numbers "
-            "behind a finding lie where it puts them; exact binomial intervals.",
+            lambda: figures.shares(result.survivals),
+            f"Share of {len(result.points)} points of a Sobol sequence over {len(FACTORS)} factors at which all "
+            "numbers behind a finding lie where it puts them; exact binomial intervals.",
             "share of the box per finding",
         ),
     ]
@@ -134,10 +135,12 @@ def hinges_in_total(survival: Survival) -> str:
     return f"{listed(named) if named else 'no single factor'}; {percent(max(total.explained, 0.0))} explained"
 
 
-def finding_rows(found: Found) -> list[list[str]]:
+def finding_rows(result: BoxResult) -> list[list[str]]:
     """Return the rows of the table of findings."""
     rows = []
-    for k, (claim, survival, holds) in enumerate(zip(IN_BOX, found.survivals, found.told.holds(), strict=True), 1):
+    for k, (claim, survival, holds) in enumerate(
+        zip(IN_BOX, result.survivals, result.nearest_evidence.holds(), strict=True), 1
+    ):
         shares = [
             f"{percent(s.value)} ({percent(s.lower)} to {percent(s.upper)})" for s in (survival.share, survival.filters)
         ]
@@ -158,7 +161,7 @@ FINDING_HEADER = (
 )
 
 
-def _findings(found: Found) -> list[Block]:
+def _findings(result: BoxResult) -> list[Block]:
     caption = (
         "Share of the box with its 95 % interval. Hinges on: factors whose first-order index, from the same points "
         "(given data), is above zero with its 95 % interval; the output is how far the worst of a finding's numbers, "
@@ -167,57 +170,57 @@ def _findings(found: Found) -> list[Block]:
     )
     return [
         Heading("Where each finding holds, and on what it hinges"),
-        Sheet(FINDING_HEADER, finding_rows(found), caption, left=7),
+        Sheet(FINDING_HEADER, finding_rows(result), caption, left=7),
     ]
 
 
-def _richest(found: Found) -> list[Block]:
+def _richest(result: BoxResult) -> list[Block]:
     return [
         Heading("Where most findings hold"),
-        Prose(plain(richest_in_words(found))),
-        Sheet(NUMBER_HEADER, number_rows(found.richest_told), "Numbers of chapter 5 and ours there.", left=2),
+        Prose(plain(richest_in_words(result))),
+        Sheet(NUMBER_HEADER, number_rows(result.richest_evidence), "Numbers of chapter 5 and ours there.", left=2),
     ]
 
 
-def richest_in_words(found: Found) -> str:
+def richest_in_words(result: BoxResult) -> str:
     """Say where most findings hold, which fail there, and which findings hardly hold together."""
-    holds, distances = found.richest_told.holds(), found.richest_told.distances()
+    holds, distances = result.richest_evidence.holds(), result.richest_evidence.distances()
     failing = [str(k) for k, held in enumerate(holds, 1) if not held]
     medians = [d for p, d in zip(PUBLISHED, distances, strict=True) if p.place == BILD_56]
     text = (
-        f"At point {found.richest.number}, {sum(holds)} of {len(IN_BOX)} findings hold"
+        f"At point {result.richest.number}, {sum(holds)} of {len(IN_BOX)} findings hold"
         f"{' (not ' + listed(failing) + ')' if failing else ''}; the medians of Bild 5.6 are within a factor of "
         f"{number(2 ** max(medians), 2)} there, all numbers within {number(2 ** max(distances), 2)}."
     )
-    if not found.exclusions:
+    if not result.exclusions:
         return text
-    pairs = listed([f"{a + 1} with {b + 1} ({number(ratio, 2)})" for a, b, ratio in found.exclusions[:4]])
+    pairs = listed([f"{a + 1} with {b + 1} ({number(ratio, 2)})" for a, b, ratio in result.exclusions[:4]])
     return f"{text} Findings that hold together more rarely than their shares alone would give, as a ratio: {pairs}."
 
 
-def markdown(found: Found) -> str:
+def markdown(result: BoxResult) -> str:
     """Return the tables of the page, those of the nearest point apart."""
     return "\n\n".join(
         [
-            f"Written by `{found.command}`: {len(found.points)} points of the sequence and {found.searched} of the "
+            f"Written by `{result.command}`: {len(result.points)} points of the sequence and {result.searched} of the "
             "search.",
             "## Where each finding holds",
-            table(FINDING_HEADER, finding_rows(found)),
+            table(FINDING_HEADER, finding_rows(result)),
             "## Where most findings hold",
-            richest_in_words(found),
-            table(NUMBER_HEADER, number_rows(found.richest_told)),
+            richest_in_words(result),
+            table(NUMBER_HEADER, number_rows(result.richest_evidence)),
             "## Which steering noise",
-            steering_in_words(found),
+            steering_in_words(result),
         ]
     )
 
 
-def _steering(found: Found) -> list[Block]:
+def _steering(result: BoxResult) -> list[Block]:
     return [
         Heading("Which steering noise?"),
-        Prose(plain(steering_in_words(found))),
+        Prose(plain(steering_in_words(result))),
         Drawing(
-            lambda: figures.steering(found.points, found.says),
+            lambda: figures.steering(result.points, result.says),
             "Each point of the sequence: lag of the EKF's steering-wheel angle on two ramps (largest correlation), and "
             "root mean square distance of the published numbers in powers of two.",
             "delay of the input estimate and distance over the variance of the steering wheel",
@@ -225,14 +228,14 @@ def _steering(found: Found) -> list[Block]:
     ]
 
 
-def steering_in_words(found: Found) -> str:
+def steering_in_words(result: BoxResult) -> str:
     """Say what the box tells of the last variance of (5.3)."""
-    delay = np.array([p.delay for p in found.points])
-    near = np.argsort([score(p, s) for p, s in zip(found.points, found.says, strict=True)])[
-        : max(len(found.says) // 10, 1)
+    delay = np.array([p.delay for p in result.points])
+    near = np.argsort([score(p, s) for p, s in zip(result.points, result.says, strict=True)])[
+        : max(len(result.says) // 10, 1)
     ]
     column = [f.name for f in FACTORS].index("steering_variance")
-    nearest = np.array([FACTORS[column].value(found.points[k].place[column]) for k in near])
+    nearest = np.array([FACTORS[column].value(result.points[k].place[column]) for k in near])
     low, median, high = np.quantile(nearest, [0.1, 0.5, 0.9])
     return (
         "Of (5.3) the last variance, 1e-5 without a unit, may be of the steering wheel or of the road wheels, which is "
@@ -243,7 +246,7 @@ def steering_in_words(found: Found) -> str:
     )
 
 
-def _box(found: Found) -> list[Block]:
+def _box(result: BoxResult) -> list[Block]:
     rows = [
         [f.words, f.unit, " or ".join(number(c) for c in f.choices) if f.choices else
          f"{number(f.lower)} to {number(f.upper)}{', log' if f.log else ''}", f.published]
@@ -252,5 +255,5 @@ def _box(found: Found) -> list[Block]:
     return [
         Heading("The box"),
         Sheet(["factor", "unit", "range", "what is published"], rows, "What the dissertation leaves open.", left=4),
-        Listing(found.command),
+        Listing(result.command),
     ]

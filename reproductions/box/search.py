@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from harness.common.arrays import Floats
-from reproductions.box.evidence import IN_BOX, Told, told
+from reproductions.box.evidence import IN_BOX, PointEvidence, told
 from reproductions.box.factors import FACTORS
 from reproductions.box.plausibility import plausibility
 from reproductions.box.points import SEED, Folder, Point
@@ -22,7 +22,7 @@ WEIGHT = 0.6
 CROSSOVER = 0.7
 
 
-def score(point: Point, says: Told) -> float:
+def score(point: Point, says: PointEvidence) -> float:
     """Return what the search makes small.
 
     The distance of the numbers, the share of findings that do not hold, and 1 where the vehicle is not plausible.
@@ -44,7 +44,7 @@ def candidates(places: Floats, scores: Floats, generation: int) -> Floats:
     """
     rng = np.random.default_rng([SEED, generation])
     parents = places[np.argsort(scores, kind="stable")[:POPULATION]]
-    found = []
+    trials = []
     for k in range(GENERATION):
         target, best = parents[k % len(parents)], parents[0]
         a, b = parents[rng.choice(len(parents), 2, replace=False)]
@@ -52,18 +52,18 @@ def candidates(places: Floats, scores: Floats, generation: int) -> Floats:
         taken = rng.random(len(FACTORS)) < CROSSOVER
         taken[rng.integers(len(FACTORS))] = True
         trial = np.abs(np.where(taken, mutant, target))
-        found.append(np.clip(np.where(trial > 1.0, 2.0 - trial, trial), 0.0, 1.0))
-    return np.array(found)
+        trials.append(np.clip(np.where(trial > 1.0, 2.0 - trial, trial), 0.0, 1.0))
+    return np.array(trials)
 
 
 def refine(
     folder: Folder,
     points: Sequence[Point],
-    says: Sequence[Told],
+    says: Sequence[PointEvidence],
     generations: int,
     jobs: int,
     tell: Callable[[str], None],
-) -> tuple[list[Point], list[Told]]:
+) -> tuple[list[Point], list[PointEvidence]]:
     """Return the points of some generations after a sequence, with what they say; those kept are not computed again."""
     everyone, all_says = list(points), list(says)
     for generation in range(generations):

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from harness.reporting.style import number
-from reproductions.box.evidence import PUBLISHED, Told
+from reproductions.box.evidence import PUBLISHED, PointEvidence
 from reproductions.box.factors import FACTORS
 
 NUMBER_HEADER = ("number", "place", "theirs", "ours", "95 % interval", "factor")
 FACTOR_HEADER = ("factor", "value", "unit", "from", "to")
 
 
-def number_rows(says: Told) -> list[list[str]]:
+def number_rows(says: PointEvidence) -> list[list[str]]:
     """Return the rows of the table of numbers at a point."""
     rows = []
     for published, ours, off in zip(PUBLISHED, says.numbers, says.distances(), strict=True):

@@ -74,11 +74,11 @@ def total_indices(places: Floats, outputs: Floats, seed: int, onto: Callable[[Fl
     x, y = onto(places), (outputs - np.mean(outputs)) / np.std(outputs)
     rng = np.random.default_rng(seed)
     whole = _likeliest(x, y, [np.log([*[start] * x.shape[1], 0.1]) for start in STARTS])
-    found = [_of_process(x, y, whole, onto, rng)]
+    indices = [_of_process(x, y, whole, onto, rng)]
     for _ in range(PARTS):
         part = rng.permutation(len(x))[: round(PART * len(x))]
-        found.append(_of_process(x[part], y[part], _likeliest(x[part], y[part], [whole]), onto, rng))
-    lower, value, upper = np.quantile(np.concatenate(found, axis=1), [0.025, 0.5, 0.975], axis=1)
+        indices.append(_of_process(x[part], y[part], _likeliest(x[part], y[part], [whole]), onto, rng))
+    lower, value, upper = np.quantile(np.concatenate(indices, axis=1), [0.025, 0.5, 0.975], axis=1)
     return Totals(value, lower, upper, _explained(x, y, whole))
 
 
@@ -112,12 +112,12 @@ def _of_process(
 
     base = realisations(first)
     total = base.var(axis=0) + noise * variance
-    found = np.empty((count, REALISATIONS))
+    indices = np.empty((count, REALISATIONS))
     for k in range(count):
         other = first.copy()
         other[:, k] = second[:, k]
-        found[k] = 0.5 * np.mean((base - realisations(other)) ** 2, axis=0) / total  # Jansen 1999
-    return found
+        indices[k] = 0.5 * np.mean((base - realisations(other)) ** 2, axis=0) / total  # Jansen 1999
+    return indices
 
 
 def _explained(x: Floats, y: Floats, theta: Floats) -> float:
@@ -154,6 +154,6 @@ def _likeliest(x: Floats, y: Floats, starts: Sequence[Floats]) -> Floats:
     def search(start: Floats) -> optimize.OptimizeResult:
         return optimize.minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds)
 
-    best = min((search(start) for start in starts), key=lambda found: found.fun)
+    best = min((search(start) for start in starts), key=lambda minimum: minimum.fun)
     again = search(np.append(np.where(best.x[:-1] > np.log(IDLE), np.log(REVIVED), best.x[:-1]), best.x[-1]))
-    return np.asarray(min(best, again, key=lambda found: found.fun).x)
+    return np.asarray(min(best, again, key=lambda minimum: minimum.fun).x)

@@ -78,7 +78,7 @@ class Joint:
         return self.design.diverged(estimator)
 
 
-def answer(results: Results, found: list[Finding]) -> list[Block]:
+def answer(results: Results, tested: list[Finding]) -> list[Block]:
     """Return the answer in words, one figure and one table."""
     joint = Joint(results)
     items = [
@@ -86,7 +86,7 @@ def answer(results: Results, found: list[Finding]) -> list[Block]:
         ("Inside which envelope?", _envelope(joint)),
         ("How often does it fail?", _failures(joint)),
         ("What drives its error?", " ".join(in_short(joint.ranking))),
-        ("Which findings of the dissertation are reproduced?", _holds(found)),
+        ("Which findings of the dissertation are reproduced?", _holds(tested)),
     ]
     return [
         Heading("Answer"),
@@ -118,8 +118,8 @@ def _which(joint: Joint) -> str:
 
 
 def _envelope(joint: Joint) -> str:
-    found = told(joint.nested, joint.limits, joint.borne)
-    return " ".join(f"For the {target.words}: {text}" for target, text in found)
+    limits = told(joint.nested, joint.limits, joint.borne)
+    return " ".join(f"For the {target.words}: {text}" for target, text in limits)
 
 
 def _failures(joint: Joint) -> str:
@@ -135,10 +135,10 @@ def _failures(joint: Joint) -> str:
     return text
 
 
-def _holds(found: list[Finding]) -> str:
-    counts = {v: sum(f.verdict is v for f in found) for v in Verdict}
+def _holds(tested: list[Finding]) -> str:
+    counts = {v: sum(f.verdict is v for f in tested) for v in Verdict}
     return (
-        f"Of {len(found)} findings {counts[Verdict.REPRODUCED]} are reproduced, {counts[Verdict.NOT_REPRODUCED]} are "
+        f"Of {len(tested)} findings {counts[Verdict.REPRODUCED]} are reproduced, {counts[Verdict.NOT_REPRODUCED]} are "
         f"not, {counts[Verdict.UNDECIDED]} cannot be decided; the table of findings says which and why."
     )
 
@@ -195,11 +195,11 @@ def _indices(axes: Axes, joint: Joint) -> None:
     design = joint.design
     count = len(design.targets)
     for t, target in enumerate(design.targets):
-        found = joint.ranking.errors[t][joint.ranking.best(t)]
-        if found is None:
+        ranking = joint.ranking.errors[t][joint.ranking.best(t)]
+        if ranking is None:
             continue
         places = np.arange(len(design.factors)) + (t - (count - 1) / 2) * 0.25
-        values, low, high = np.array(found.total).T
+        values, low, high = np.array(ranking.total).T
         marker, shade = "osv^D"[t % 5], ("black", "0.45")[t % 2]
         axes.vlines(places, low, high, color=shade, lw=1.4)
         axes.plot(places, values, marker, color=shade, ms=5.5, label=target.words)
@@ -218,19 +218,19 @@ def _table(joint: Joint) -> Sheet:
     for t, target in enumerate(design.targets):
         quantiles = joint.quantiles(t)
         for e, name in enumerate(design.estimators):
-            one = joint.borne.get((t, e))
+            borne = joint.borne.get((t, e))
             driver = _driver(joint, t, e)
             rows.append(
                 [
                     "" if e else f"{target.words}{style.in_unit(target.unit)}",
                     name,
                     driver,
-                    "–" if one is None else breaks_first(joint.nested, one),
+                    "–" if borne is None else breaks_first(joint.nested, borne),
                     number(joint.believed[t, e]),
                     number(quantiles[1, e]),
                     number(quantiles[2, e]),
                     str(joint.diverged(e)),
-                    "–" if one is None else f"{100 * one.box:.0f} %",
+                    "–" if borne is None else f"{100 * borne.box:.0f} %",
                 ]
             )
     header = ["", "estimator", "driven by", "alone breaks first", "believed", "median", "95 %", "diverged", "box"]
@@ -251,8 +251,8 @@ def _table(joint: Joint) -> Sheet:
 
 def _driver(joint: Joint, target: int, estimator: int) -> str:
     """Name the factor with the largest total index, with that index."""
-    found = joint.ranking.errors[target][estimator]
-    if found is None:
+    ranking = joint.ranking.errors[target][estimator]
+    if ranking is None:
         return "–"
-    first = found.order[0]
-    return f"{joint.design.factors[first].words} {number(found.total[first].value, 2)}"
+    first = ranking.order[0]
+    return f"{joint.design.factors[first].words} {number(ranking.total[first].value, 2)}"

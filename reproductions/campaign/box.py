@@ -65,24 +65,24 @@ def committed() -> Box:
     return _read(COMMITTED, None)
 
 
-def summary(found: dict[str, Any]) -> dict[str, Any]:
+def summary(content: dict[str, Any]) -> dict[str, Any]:
     """Return the part of ``box.json`` that the project comes with."""
     kept = ("finding", "place", "share", "share_without_network")
-    whole = {key: found[key] for key in ("made", "commit", "command", "points", "searched")}
-    nearest = {key: found["nearest"][key] for key in ("number", "at")}
-    return {**whole, "findings": [{k: f[k] for k in kept} for f in found["findings"]], "nearest": nearest}
+    whole = {key: content[key] for key in ("made", "commit", "command", "points", "searched")}
+    nearest = {key: content["nearest"][key] for key in ("number", "at")}
+    return {**whole, "findings": [{k: f[k] for k in kept} for f in content["findings"]], "nearest": nearest}
 
 
 def _read(path: Path, report: Path | None) -> Box:
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-        shares = {f["finding"].rstrip("."): Interval(*map(float, f["share"])) for f in found["findings"]}
+        content = json.loads(path.read_text(encoding="utf-8"))
+        shares = {f["finding"].rstrip("."): Interval(*map(float, f["share"])) for f in content["findings"]}
         nearest = NearestPoint(
-            int(found["nearest"]["number"]), {k: float(v) for k, v in found["nearest"]["at"].items()}
+            int(content["nearest"]["number"]), {k: float(v) for k, v in content["nearest"]["at"].items()}
         )
         return Box(
-            str(found["made"]),
-            int(found["points"]),
+            str(content["made"]),
+            int(content["points"]),
             shares,
             nearest,
             report if report is not None and report.is_file() else None,

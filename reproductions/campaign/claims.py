@@ -1,4 +1,4 @@
-"""What the dissertation found (Ziaukas 2023, chapter 5), each finding as a test on our data.
+"""Findings of the dissertation (Ziaukas 2023, chapter 5), each as a test on our data.
 
 A finding is put in numbers by a region in which a ratio of errors must lie. The words of the dissertation (marginal,
 hardly, clearly) have no numbers there; the regions below are this project's reading of them and are printed.
@@ -170,45 +170,45 @@ def _grows(
 
 
 def _ends_diverge(results: Groups) -> list[Evidence]:
-    found, theirs = [], 11 / 60
+    evidence, theirs = [], 11 / 60
     for name in EVERYONE:
         count, total = results.diverged("cog", "-2 m", name)
         value = share(count, total)
-        found.append(Evidence(f"{name} at −2 m, share diverged", value, (theirs / 2, 2 * theirs), theirs, total))
-    return found
+        evidence.append(Evidence(f"{name} at −2 m, share diverged", value, (theirs / 2, 2 * theirs), theirs, total))
+    return evidence
 
 
 def _worst_at_half(results: Groups) -> list[Evidence]:
     """Compare the error at 0.5 with that at the worst of the other levels."""
-    found = []
+    evidence = []
     for name in EVERYONE:
         others = [b for b in results.bands("friction") if b != "0.5"]
         medians = [np.nanmedian(results.errors("friction", b, name, FORCE)) for b in others]
         worst = others[int(np.argmax(medians))]
         pair = [results.errors("friction", b, name, FORCE) for b in ("0.5", worst)]
         value, n = ratio_of_medians(pair[0], pair[1])
-        found.append(Evidence(f"{name}, 0.5 : {worst}, lateral force axle 21", value, LARGER, np.nan, n))
-    return found
+        evidence.append(Evidence(f"{name}, 0.5 : {worst}, lateral force axle 21", value, LARGER, np.nan, n))
+    return evidence
 
 
 def _tyre_growth(results: Groups) -> list[Evidence]:
-    found = []
+    evidence = []
     for band, theirs in (("±10 %", 1.046), ("±20 %", 1.238), ("±30 %", 1.509)):
         region = (1 + (theirs - 1) / 2, 1 + 2 * (theirs - 1))
         for name in EVERYONE:
             value, n = _growth(results, "tyre", band, name, FORCE)
-            found.append(Evidence(f"{name} at {band}, lateral force axle 21", value, region, theirs, n))
-    return found
+            evidence.append(Evidence(f"{name} at {band}, lateral force axle 21", value, region, theirs, n))
+    return evidence
 
 
 def _time_of_a_step(results: Groups) -> list[Evidence]:
     """Compare the time of a step without a pause with that of the EKF."""
-    times, found = results.times, []
+    times, evidence = results.times, []
     for name, kind in ((UKF, "ukf"), (NETWORK, "narx")):
         value = Interval(*map(float, times["ratio"].sel(pace=PACES[0], estimator=name).values))
         theirs, steps = PUBLISHED[kind] / PUBLISHED["ekf"], times.sizes["time"]
-        found.append(Evidence(f"{name} : EKF, time of a step", value, (theirs / 2, 2 * theirs), theirs, steps))
-    return found
+        evidence.append(Evidence(f"{name} : EKF, time of a step", value, (theirs / 2, 2 * theirs), theirs, steps))
+    return evidence
 
 
 CLAIMS = (

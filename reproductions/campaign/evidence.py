@@ -80,8 +80,8 @@ def ratio_of_medians(errors: Floats, reference: Floats, seed: int = 0) -> tuple[
         return Interval(np.nan, np.nan, np.nan), 0
     rng = np.random.default_rng(seed)
     drawn = []
-    for one, other, pair in zip(above, below, both, strict=True):
-        pairs = np.stack([one[pair], other[pair]])
+    for of_drive, of_reference, pair in zip(above, below, both, strict=True):
+        pairs = np.stack([of_drive[pair], of_reference[pair]])
         if pairs.size:
             drawn.append(pairs[:, rng.integers(0, pairs.shape[1], (RESAMPLES, pairs.shape[1]))])
     first, second = np.median(np.concatenate(drawn, axis=2), axis=2)
@@ -93,5 +93,5 @@ def share(count: int, total: int) -> Interval:
     """Return a share with its exact (Clopper-Pearson) 95 % interval."""
     from scipy.stats import binomtest  # takes longer to import than what a study's report says of these findings
 
-    found = binomtest(count, total).proportion_ci(0.95, "exact")
-    return Interval(count / total, float(found.low), float(found.high))
+    interval = binomtest(count, total).proportion_ci(0.95, "exact")
+    return Interval(count / total, float(interval.low), float(interval.high))

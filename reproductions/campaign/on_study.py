@@ -1,4 +1,4 @@
-"""What a study or a measurement of times says of the dissertation's findings tested on it, for its first page."""
+"""Evidence of a study or a measurement of times on the dissertation's findings, for its first page."""
 
 from __future__ import annotations
 

@@ -50,20 +50,20 @@ def write_campaign(results: Path, out: Path) -> list[Path]:
         UserError: If a study is missing.
     """
     campaign = Results(Path(results))
-    found = findings(campaign)
+    tested = findings(campaign)
     sections = [
-        Section(lambda: answer(campaign, found), "Answer"),
-        Section(lambda: _findings(campaign, found, Path(out)), "What the dissertation found, tested on our data"),
+        Section(lambda: answer(campaign, tested), "Answer"),
+        Section(lambda: _findings(campaign, tested, Path(out)), "What the dissertation found, tested on our data"),
         Section(lambda: _figures(campaign), "The dissertation's figures from our data"),
         Section(lambda: drives.blocks(campaign.analyses["ideal"]), "On which drives are the estimators wrong?"),
         Section(lambda: _made(campaign), "How it was made"),
     ]
     title = "Which estimator can be trusted, within which envelope, and what drives its error?"
-    record = json.dumps({"title": title, "findings": _recorded(found)}, indent=1) + "\n"
+    record = json.dumps({"title": title, "findings": _recorded(tested)}, indent=1) + "\n"
     return [*Report(title, sections).write(Path(out)), *write_files(Path(out), {RECORD: record})]
 
 
-def _recorded(found: Sequence[Finding]) -> list[dict[str, Any]]:
+def _recorded(tested: Sequence[Finding]) -> list[dict[str, Any]]:
     """Return the findings for programs."""
     return [
         {
@@ -73,20 +73,20 @@ def _recorded(found: Sequence[Finding]) -> list[dict[str, Any]]:
             "ours": _in_short(f.evidence),
             "studies": list(f.claim.studies),
         }
-        for f in found
+        for f in tested
     ]
 
 
 def _figures(campaign: Results) -> list[Block]:
     """Return the figures of the dissertation, drawn from our data; each caption says which one it is."""
     text = "Levels across, targets down, as there, with every estimator of a study. Each study has a report of its own."
-    found: list[Block] = [Heading("The dissertation's figures from our data"), Prose(plain(text))]
+    blocks: list[Block] = [Heading("The dissertation's figures from our data"), Prose(plain(text))]
     for study, number_there in FIGURES.items():
         analysis = campaign.analyses[study]
         for picture in boxes.pictures(analysis, analysis.findings[0]):
-            found.append(replace(picture, caption=f"Bild {number_there} ({words(study)}). {picture.caption}"))
+            blocks.append(replace(picture, caption=f"Bild {number_there} ({words(study)}). {picture.caption}"))
     times = realtime.figure(campaign.times)
-    return [*found, replace(times, caption=f"Bild 6.9 (computing time). {times.caption}")]
+    return [*blocks, replace(times, caption=f"Bild 6.9 (computing time). {times.caption}")]
 
 
 def _report_of(results: Path, studies: Sequence[str], out: Path) -> str | Linked:
@@ -96,7 +96,7 @@ def _report_of(results: Path, studies: Sequence[str], out: Path) -> str | Linked
     return on_study.linked(words(studies[0]), results / studies[0] / "report.html", out, "figure-1")
 
 
-def _findings(campaign: Results, found: list[Finding], out: Path) -> list[Block]:
+def _findings(campaign: Results, tested: list[Finding], out: Path) -> list[Block]:
     """Return the table of verdicts, the reasons, and the numbers behind every verdict."""
     shares = box.read(campaign.folder)
     rows = [
@@ -109,11 +109,11 @@ def _findings(campaign: Results, found: list[Finding], out: Path) -> list[Block]
             on_study.share_of(shares, f.claim.text, out),
             _in_short(f.evidence),
         ]
-        for k, f in enumerate(found, 1)
+        for k, f in enumerate(tested, 1)
     ]
-    counts = {v: sum(f.verdict is v for f in found) for v in Verdict}
+    counts = {v: sum(f.verdict is v for f in tested) for v in Verdict}
     opening = (
-        f"Of {len(found)} findings, {counts[Verdict.REPRODUCED]} are reproduced, {counts[Verdict.NOT_REPRODUCED]} are "
+        f"Of {len(tested)} findings, {counts[Verdict.REPRODUCED]} are reproduced, {counts[Verdict.NOT_REPRODUCED]} are "
         f"not, {counts[Verdict.UNDECIDED]} cannot be decided. A finding is reproduced if every number behind it lies, "
         "with its whole 95 % interval, where the finding puts it; one number that lies outside with its whole interval "
         "refutes it. The dissertation says “marginal”, “hardly”, “clearly”; the limits used for these words are given "
@@ -131,13 +131,13 @@ def _findings(campaign: Results, found: list[Finding], out: Path) -> list[Block]
         Heading("Why a finding is not reproduced", 2),
         Prose(plain(_much_closer(campaign))),
     ]
-    for k, f in enumerate(found, 1):
+    for k, f in enumerate(tested, 1):
         if f.verdict is not Verdict.REPRODUCED:
             blocks.append(Prose(plain(f"{k}. {f.claim.reason}")))
     blocks.append(Heading("The numbers behind the verdicts", 2))
     rows = [
         ["" if i else str(k), e.what, str(e.n), number(e.value.value), _interval(e), number(e.theirs), _wanted(e)]
-        for k, f in enumerate(found, 1)
+        for k, f in enumerate(tested, 1)
         for i, e in enumerate(f.evidence)
     ]
     header = ["", "ratio of medians", "n", "ours", "95 % interval", "theirs", "claim holds in"]

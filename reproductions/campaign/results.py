@@ -1,4 +1,4 @@
-"""What the studies of a campaign wrote, read once and asked for by names."""
+"""Results of the studies of a campaign, read once and asked for by names."""
 
 from __future__ import annotations
 
@@ -47,13 +47,13 @@ class Results:
     @cached_property
     def stores(self) -> dict[str, StudyResults]:
         """The stores of the campaign, by the name of their study."""
-        found = {name: read(self.folder / name) for name in STUDIES}
-        for name, store in found.items():
+        stores = {name: read(self.folder / name) for name in STUDIES}
+        for name, store in stores.items():
             pending = sum(d.count(PENDING) for d in store.designs)
             if pending:
                 command = _command(name, self.folder)
                 raise UserError(f"{self.folder / name}: {pending} runs are still to come; finish them with '{command}'")
-        return found
+        return stores
 
     @cached_property
     def analyses(self) -> dict[str, Analysis]:
@@ -72,17 +72,17 @@ class Results:
         Raises:
             UserError: If the study has no such level, estimator or target.
         """
-        found = self.design(study)
-        t = _index(study, "target", target, [q.name for q in found.targets])
-        e = _index(study, "estimator", estimator, found.estimators)
-        chosen = range(len(found.bands)) if band is None else [_index(study, "level", band, found.bands)]
-        return np.concatenate([found.errors[t, b, e] for b in chosen])
+        design = self.design(study)
+        t = _index(study, "target", target, [q.name for q in design.targets])
+        e = _index(study, "estimator", estimator, design.estimators)
+        chosen = range(len(design.bands)) if band is None else [_index(study, "level", band, design.bands)]
+        return np.concatenate([design.errors[t, b, e] for b in chosen])
 
     def diverged(self, study: str, band: str, estimator: str) -> tuple[int, int]:
         """Return in how many runs of a group the estimator diverged, and how many there are of a vehicle in control."""
-        found = self.design(study)
-        b, e = _index(study, "level", band, found.bands), _index(study, "estimator", estimator, found.estimators)
-        return found.diverged(e, b), found.compared(b)
+        design = self.design(study)
+        b, e = _index(study, "level", band, design.bands), _index(study, "estimator", estimator, design.estimators)
+        return design.diverged(e, b), design.compared(b)
 
     def bands(self, study: str) -> list[str]:
         """Return the labels of the levels of a study's first design."""

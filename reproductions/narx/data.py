@@ -123,7 +123,7 @@ def simulate(
     noise_x = in_lanes(variances(spec.process_noise, model.states))
     noise_y = in_lanes(variances(spec.measurement_noise, list(model.outputs)))
     tables = {name: input_table(p, model) for name, p in profiles.items()}
-    found, names = [], list(profiles)
+    series, names = [], list(profiles)
     for start in range(0, len(names), LANES):
         group = names[start : start + LANES]
         samples = max(len(tables[n]) for n in group)
@@ -147,5 +147,5 @@ def simulate(
                 else u[:n, model.inputs.index(i), lane]
                 for i in inputs
             ]
-            found.append(Series(name, np.column_stack(columns), batch.truth[:n, :, lane].copy()))
-    return found
+            series.append(Series(name, np.column_stack(columns), batch.truth[:n, :, lane].copy()))
+    return series

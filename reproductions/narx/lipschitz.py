@@ -1,4 +1,4 @@
-"""How many delays does a NARX model need? Lipschitz indices after He and Asada (1993).
+"""Number of delays that a NARX model needs, by the Lipschitz indices of He and Asada (1993).
 
 If a regressor holds all that an output depends on, the quotient ``|y_i - y_j| / |x_i - x_j|`` is bounded; if a variable
 is missing, samples with nearly equal regressors differ in the output and the quotient grows without bound. The index of
@@ -101,11 +101,11 @@ def indices(
     moving = inputs[:, np.ptp(inputs, axis=0) > 0]
     z, t = _scaled(moving), _scaled(output[:, None])
     at = np.unique(np.linspace(largest, len(output) - 1, samples).astype(int))
-    found = []
+    quotients = []
     for n_id, n_fd in growing(largest):
         past = [z[at - m] for m in range(1, n_id + 1)] + [t[at - m] for m in range(1, n_fd + 1)]
-        found.append(lipschitz_index(np.concatenate(past, axis=1), t[at, 0]))
-    return Indices(names[0], names[1], growing(largest), np.array(found))
+        quotients.append(lipschitz_index(np.concatenate(past, axis=1), t[at, 0]))
+    return Indices(names[0], names[1], growing(largest), np.array(quotients))
 
 
 def _scaled(values: Floats) -> Floats:

@@ -178,21 +178,21 @@ class Trainer:
 
     def _descend(self, problem: ClosedLoop, p: Floats, iterations: int, best: tuple[float, Floats]):
         """Return the last parameters of a quasi-Newton descent and the best ones on the validation drives so far."""
-        found, count = best, 0
+        least, count = best, 0
 
         def watch(at: Floats) -> None:
-            nonlocal found, count
+            nonlocal least, count
             count += 1
             if count % _CHECK_EVERY == 0:
-                found = min(found, (self._validation(at), at.copy()), key=lambda pair: pair[0])
+                least = min(least, (self._validation(at), at.copy()), key=lambda pair: pair[0])
 
         if iterations > 0:
             options: Any = {"maxiter": iterations, "maxfun": 2 * iterations, "maxcor": 40, "ftol": 1e-12, "gtol": 1e-10}
             descend: Any = minimize
             done = descend(_guarded(problem), p, jac=True, method="L-BFGS-B", callback=watch, options=options)
             p = done.x
-            found = min(found, (self._validation(p), p), key=lambda pair: pair[0])
-        return p, found
+            least = min(least, (self._validation(p), p), key=lambda pair: pair[0])
+        return p, least
 
     def _validation(self, p: Floats) -> float:
         total = float(np.sum(self._free["validation"].errors(p)))

@@ -1,1 +1,1 @@
-"""What the five documents publish, record by record, and what our results say of it: ``make reproduce``."""
+"""Published numbers of the five documents, record by record, with our verdict on each: ``make reproduce``."""

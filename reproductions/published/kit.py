@@ -102,13 +102,13 @@ def _in_the_end(_: Stored) -> list[Evidence]:
 
 def _least(_: Stored) -> list[Evidence]:
     """Compare the variance with that of any other gain, over the variance of the lecture's."""
-    variance, found = START, []
+    variance, quotients = START, []
     for gain, own in zip(*example(), strict=True):
         ahead = kit_2015a.VALUES["transition"] ** 2 * variance + Q
         others = gain + np.array([-0.1, -0.01, 0.01, 0.1])
-        found.append(np.min((1 - others) ** 2 * ahead + others**2 * R) / own)
+        quotients.append(np.min((1 - others) ** 2 * ahead + others**2 * R) / own)
         variance = own
-    return [point("variance with another gain over that of the filter, least", min(found), (1.0, np.inf))]
+    return [point("variance with another gain over that of the filter, least", min(quotients), (1.0, np.inf))]
 
 
 def _weights(_: Stored) -> list[Evidence]:

@@ -146,22 +146,22 @@ def _lost(stored: Stored) -> list[Evidence]:
 
 def _relative(stored: Stored) -> dict[str, np.ndarray]:
     """Return RMSE over the root mean square of the truth about its mean, by signal and drive."""
-    found: dict[str, list[float]] = {}
+    errors: dict[str, list[float]] = {}
     for history in fading(stored).histories:
         for signal in (*GOOD, POOR):
             truth = history["truth"].sel(target=signal).to_numpy()
             error = history["estimate"].sel(target=signal, estimator=FADING).to_numpy() - truth
-            found.setdefault(signal, []).append(float(np.sqrt(np.nanmean(error**2)) / np.nanstd(truth)))
-    return {signal: np.array(values) for signal, values in found.items()}
+            errors.setdefault(signal, []).append(float(np.sqrt(np.nanmean(error**2)) / np.nanstd(truth)))
+    return {signal: np.array(values) for signal, values in errors.items()}
 
 
 def _good(signal: str) -> Callable[[Stored], list[Evidence]]:
     def test(stored: Stored) -> list[Evidence]:
-        found = _relative(stored)
+        errors = _relative(stored)
         names = [str(h.attrs["drive"]) for h in fading(stored).histories]
         return [
-            point(f"{name}, relative error of the {words(signal)} over that of the sideslip", one / other, (0.0, 1.0))
-            for name, one, other in zip(names, found[signal], found[POOR], strict=True)
+            point(f"{name}, relative error of the {words(signal)} over that of the sideslip", own / other, (0.0, 1.0))
+            for name, own, other in zip(names, errors[signal], errors[POOR], strict=True)
         ]
 
     return test
@@ -169,13 +169,13 @@ def _good(signal: str) -> Callable[[Stored], list[Evidence]]:
 
 def _falls(stored: Stored) -> list[Evidence]:
     """Compare the least estimated stiffness on a manoeuvre with the first."""
-    found = []
+    evidence = []
     for history in fading(stored).histories:
         for axle in ("front", "rear"):
             estimate = history["estimate"].sel(target=f"cornering_stiffness_{axle}", estimator=FADING).to_numpy()
             what = f"{history.attrs['drive']}, least stiffness {axle} over the first"
-            found.append(point(what, float(np.nanmin(estimate) / estimate[0]), (-np.inf, 0.9)))
-    return found
+            evidence.append(point(what, float(np.nanmin(estimate) / estimate[0]), (-np.inf, 0.9)))
+    return evidence
 
 
 def _parallel(stored: Stored) -> list[Evidence]:

@@ -197,5 +197,5 @@ def point(what: str, value: float, region: tuple[float, float], theirs: float = 
 
 def count(rows: Iterable[Row]) -> dict[Outcome, int]:
     """Return how many rows have which outcome, in the order of ``Outcome``."""
-    found = [row.outcome for row in rows]
-    return {outcome: found.count(outcome) for outcome in Outcome if outcome in found}
+    outcomes = [row.outcome for row in rows]
+    return {outcome: outcomes.count(outcome) for outcome in Outcome if outcome in outcomes}

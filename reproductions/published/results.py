@@ -75,12 +75,12 @@ class _Stores(dict[str, StudyResults]):
     def __missing__(self, name: str) -> StudyResults:
         if not (self._folder / name / STORE).is_dir():
             raise Missing(f"no finished study {name}; make it with 'make study-{name}'")
-        found = read(self._folder / name)
-        pending = sum(d.count(PENDING) for d in found.designs)
+        results = read(self._folder / name)
+        pending = sum(d.count(PENDING) for d in results.designs)
         if pending:
             raise Missing(f"study {name}: {pending} runs are still to come; finish them with 'make study-{name}'")
-        self[name] = found
-        return found
+        self[name] = results
+        return results
 
 
 class Stored(Results):
@@ -127,18 +127,18 @@ class Stored(Results):
             self._arrays[name] = load(self.folder / name, name)[0]
         return self._arrays[name]
 
-    def small(self, name: str, build: Callable[[dict[str, Any]], None], of: str) -> StudyResults:
+    def small(self, name: str, build: Callable[[dict[str, Any]], None], other: str) -> StudyResults:
         """Return the result of a small study made of another, run if it is not there by today's code.
 
         Args:
             name: Of the small study.
             build: Changes the table of the other study into that of the small one.
-            of: The other study.
+            other: The other study.
         """
         if name not in self._small:
-            table = tomllib.loads((self.studies / f"{of}.toml").read_text(encoding="utf-8")) | {"name": name}
+            table = tomllib.loads((self.studies / f"{other}.toml").read_text(encoding="utf-8")) | {"name": name}
             build(table)
-            self._small[name] = _run(build_study(table, self.studies / f"{of}.toml"), self.out / name)
+            self._small[name] = _run(build_study(table, self.studies / f"{other}.toml"), self.out / name)
         return self._small[name]
 
     def origin(self, name: str) -> Origin:
@@ -164,8 +164,8 @@ class Stored(Results):
         if not path.is_dir():
             return Origin(name, command, "", "missing")
         attributes = dict(stores.group(path).attrs)
-        of = str(attributes.get("study_name", name)) if name == REALTIME else name
-        state = state_of(attributes, load_study(self.studies / f"{of}.toml"))
+        file = str(attributes.get("study_name", name)) if name == REALTIME else name
+        state = state_of(attributes, load_study(self.studies / f"{file}.toml"))
         if name != REALTIME:
             try:
                 self.stores[name]  # the runs that are still to come
@@ -187,10 +187,10 @@ def network_origin(path: Path = NETWORK_FILE) -> Origin:
     made = network.made
     plan = Plan(network.sizes[1:-1], network.input_delays, network.output_delays)
     data = training_data.make(training_data.semitrailer(made["trailer_mass"]), Path(made["drives"]), made["seed"])
-    found = Trainer(data, plan).errors(network.parameters)
+    today = Trainer(data, plan).errors(network.parameters)
     same = all(
         np.allclose(errors[part], made["nrmse"][kind][part], rtol=1e-3)
-        for kind, errors in (("one_step", found.one_step), ("free", found.free))
+        for kind, errors in (("one_step", today.one_step), ("free", today.free))
         for part in training_data.PARTS
     )
     command = "python -m reproductions.narx_training"

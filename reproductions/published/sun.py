@@ -52,8 +52,8 @@ LONGER = (
 @cache
 def table_31() -> dict[str, Floats]:
     """Return the RMSE of the filter and the smoother with 50 particles, ``(runs, 3)``."""
-    found = rmse_of_runs(RUNS, 0, sizes=(50,))
-    return {name: found[name, 50] for name in PRINTED}
+    errors = rmse_of_runs(RUNS, 0, sizes=(50,))
+    return {name: errors[name, 50] for name in PRINTED}
 
 
 def mean_of(values: Floats) -> Interval:
@@ -120,12 +120,12 @@ def _worst_identified(stored: Stored) -> list[Evidence]:
 
 def _extremes(stored: Stored) -> list[Evidence]:
     """Return how much of the way from the start to the reference the extreme of Q lies, by parameter."""
-    arrays, found = stored.arrays(EM), []
+    arrays, evidence = stored.arrays(EM), []
     for i, name in enumerate(SYMBOLS):
         best = arrays["profile_values"][i][int(np.argmax(arrays["profile_q"][i]))]
         way = (best - START[i]) / (arrays["truth"][i] - START[i])
-        found.append(point(f"{name.partition(' in ')[0]}: share of the way", float(way), (0.0, np.inf)))
-    return found
+        evidence.append(point(f"{name.partition(' in ')[0]}: share of the way", float(way), (0.0, np.inf)))
+    return evidence
 
 
 @cache
@@ -136,8 +136,8 @@ def _responses() -> dict[str, tuple[float, float]]:
         table = {"vehicle": "car_reference_point", "parameters": "sun_2015", "sensors": "car_reference"}
         spec = resolve_single({**table, "values": values, "noise": {"process_scale": 0.0}}, "car of Sun 2015")
         profile = profile_of(spec, DriveSpec("lane change", "sine", {**DRIVE, "speed_change": "0 km/h"}, "lane change"))
-        found = simulate_drive(spec, profile)
-        return np.array([found[s].to_numpy() for s in ("yaw_rate", "lateral_velocity_rear")])
+        outputs = simulate_drive(spec, profile)
+        return np.array([outputs[s].to_numpy() for s in ("yaw_rate", "lateral_velocity_rear")])
 
     own, changes = run({}), {}
     noise = np.sqrt([sun_2015.MEASUREMENT_NOISE[s] for s in ("yaw_rate", "lateral_velocity_rear")])
@@ -150,13 +150,13 @@ def _responses() -> dict[str, tuple[float, float]]:
 def _little_effect(_: Stored) -> list[Evidence]:
     """Compare the larger response of m/J and l_f with the smaller of the stiffnesses."""
     changes = _responses()
-    found = []
+    evidence = []
     for name, what in (("mass_over_inertia", "m/J"), ("cog_to_front_axle", "l_f")):
         for i, signal in enumerate(("yaw rate", "lateral velocity")):
             least = min(changes[s][i] for s in FREE[:2])
             text = f"{what}, {signal}: effect of 5 % over that of a stiffness"
-            found.append(point(text, changes[name][i] / least, (0.0, 0.5)))
-    return found
+            evidence.append(point(text, changes[name][i] / least, (0.0, 0.5)))
+    return evidence
 
 
 def _car() -> tuple[Record, ...]:

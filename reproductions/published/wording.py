@@ -72,16 +72,16 @@ def value(e: Evidence) -> str:
 
 def ours(row: Row) -> str:
     """Write ours: every number if they are few, else their range and, where one decides against, that one."""
-    found = list(row.evidence)
+    evidence = list(row.evidence)
     if row.missing:
         return "–"
-    if not found:
+    if not evidence:
         return "too few trainings or runs stored"
-    if len(found) <= SHOWN:
-        return "; ".join(f"{e.what}: {value(e)}" if e.what else value(e) for e in found)
-    values = sorted(e.value.value for e in found if np.isfinite(e.value.value))
-    text = f"{len(found)} numbers, {number(values[0])} to {number(values[-1])}" if values else "none"
-    against = [e for e in found if e.verdict is Verdict.NOT_REPRODUCED]
+    if len(evidence) <= SHOWN:
+        return "; ".join(f"{e.what}: {value(e)}" if e.what else value(e) for e in evidence)
+    values = sorted(e.value.value for e in evidence if np.isfinite(e.value.value))
+    text = f"{len(evidence)} numbers, {number(values[0])} to {number(values[-1])}" if values else "none"
+    against = [e for e in evidence if e.verdict is Verdict.NOT_REPRODUCED]
     if against:
         farthest = max(against, key=_distance)
         text += f"; against it: {farthest.what}: {value(farthest)}"
@@ -135,23 +135,23 @@ def why(row: Row) -> str:
     if row.missing:
         return row.missing
     agreed = row.outcome in (Outcome.REPRODUCED, Outcome.TAKEN_OVER)
-    said = [] if agreed or not row.record.reason else [row.record.reason]
+    sentences = [] if agreed or not row.record.reason else [row.record.reason]
     if row.box is not None:
         shares = [f"{100 * s:.0f}" for s in row.box]
-        said.append(f"Holds in {shares[0]} % ({shares[1]} to {shares[2]}) of the box of what is not published.")
-    return " ".join(said)
+        sentences.append(f"Holds in {shares[0]} % ({shares[1]} to {shares[2]}) of the box of what is not published.")
+    return " ".join(sentences)
 
 
 def sentence(rows: Sequence[Row]) -> str:
     """Return how many of the records are reproduced, in a sentence or two; settings are counted apart."""
     settings = [r for r in rows if r.record.kind is Kind.SETTING]
-    found = count(r for r in rows if r.record.kind is not Kind.SETTING)
-    total = sum(found.values())
-    compared = [f"{found[o]} {words}" for o, words in COMPARED.items() if o in found]
-    barred = [f"{found[o]} {words}" for o, words in BECAUSE.items() if o in found]
+    counts = count(r for r in rows if r.record.kind is not Kind.SETTING)
+    total = sum(counts.values())
+    compared = [f"{counts[o]} {words}" for o, words in COMPARED.items() if o in counts]
+    barred = [f"{counts[o]} {words}" for o, words in BECAUSE.items() if o in counts]
     parts = [listed(compared)] if compared else []
     if barred:
-        parts.append(f"{sum(found[o] for o in BECAUSE if o in found)} cannot be compared: {listed(barred)}")
+        parts.append(f"{sum(counts[o] for o in BECAUSE if o in counts)} cannot be compared: {listed(barred)}")
     text = f"Of {total} numbers and statements {'; '.join(parts)}."
     if settings:
         text += f" Of {len(settings)} settings {count(settings).get(Outcome.TAKEN_OVER, 0)} are taken over as printed."

@@ -30,10 +30,10 @@ def median(group: Group, theirs: float, region: tuple[float, float] | None = Non
     """Return the test of a median error, drives kept; reproduced within a factor of two unless a region is given."""
 
     def test(stored: Stored) -> list[Evidence]:
-        found = errors(stored, group)
-        strata = np.broadcast_to(np.arange(found.shape[0]).reshape(-1, 1, 1), found.shape)
-        value = median_interval(found, strata)
-        return [Evidence("", value, region or between(theirs), theirs, int(np.isfinite(found).sum()))]
+        values = errors(stored, group)
+        strata = np.broadcast_to(np.arange(values.shape[0]).reshape(-1, 1, 1), values.shape)
+        value = median_interval(values, strata)
+        return [Evidence("", value, region or between(theirs), theirs, int(np.isfinite(values).sum()))]
 
     return test
 
@@ -42,35 +42,35 @@ def ratio(pairs: Pairs, region: tuple[float, float], theirs: float = np.nan) -> 
     """Return the test of ratios of median errors, each of a group over another with the same drives and noise."""
 
     def test(stored: Stored) -> list[Evidence]:
-        found = []
-        for what, (one, other) in pairs.items():
-            value, n = ratio_of_medians(errors(stored, one), errors(stored, other))
-            found.append(Evidence(what, value, region, theirs, n))
-        return found
+        evidence = []
+        for what, (own, other) in pairs.items():
+            value, n = ratio_of_medians(errors(stored, own), errors(stored, other))
+            evidence.append(Evidence(what, value, region, theirs, n))
+        return evidence
 
     return test
 
 
-def extremes(pairs: Pairs, of: Callable[[Floats], np.floating], region: tuple[float, float]) -> Test:
+def extremes(pairs: Pairs, extreme: Callable[[Floats], np.floating], region: tuple[float, float]) -> Test:
     """Return the test of ratios of another statistic of the errors, such as the largest; it has no interval."""
 
     def test(stored: Stored) -> list[Evidence]:
         return [
-            point(what, float(of(errors(stored, one)) / of(errors(stored, other))), region)
-            for what, (one, other) in pairs.items()
+            point(what, float(extreme(errors(stored, own)) / extreme(errors(stored, other))), region)
+            for what, (own, other) in pairs.items()
         ]
 
     return test
 
 
-def spread(found: Floats) -> np.floating:
+def spread(errors: Floats) -> np.floating:
     """Return the difference of the largest and the smallest error."""
-    return np.nanmax(found) - np.nanmin(found)
+    return np.nanmax(errors) - np.nanmin(errors)
 
 
-def middle_half(found: Floats) -> np.floating:
+def middle_half(errors: Floats) -> np.floating:
     """Return the difference of the quartiles of the errors."""
-    return np.subtract(*np.nanquantile(found, [0.75, 0.25]))
+    return np.subtract(*np.nanquantile(errors, [0.75, 0.25]))
 
 
 def finding(claim: Claim, keep: float | None = None) -> Test:

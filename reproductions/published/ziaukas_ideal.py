@@ -79,19 +79,19 @@ def _observability(tolerance: float = TOLERANCE) -> xr.Dataset:
 
 def _late(criterion: str, theirs: float) -> Callable[[Stored], list[Evidence]]:
     def test(_: Stored) -> list[Evidence]:
-        found = sorted(delays(_observability(tolerance))[criterion] for tolerance in TOLERANCES)
+        late = sorted(delays(_observability(tolerance))[criterion] for tolerance in TOLERANCES)
         own = delays(_observability())[criterion]
         what = f"threshold {TOLERANCE:g} of an entry's peak; from 1e-2 to 1e-6"
-        return [Evidence(what, Interval(own, found[0], found[-1]), between(theirs), theirs, len(found))]
+        return [Evidence(what, Interval(own, late[0], late[-1]), between(theirs), theirs, len(late))]
 
     return test
 
 
 def _straight_ahead(_: Stored) -> list[Evidence]:
-    found = _observability().sel(time=slice(0.0, 3.9))
+    part = _observability().sel(time=slice(0.0, 3.9))
     return [
-        point("share of samples that meet a criterion", float((found["connected"] == 11).mean()), (0, 0)),
-        point("the same, structural rank", float((found["rank"] == 11).mean()), (0, 0)),
+        point("share of samples that meet a criterion", float((part["connected"] == 11).mean()), (0, 0)),
+        point("the same, structural rank", float((part["rank"] == 11).mean()), (0, 0)),
     ]
 
 
@@ -105,8 +105,8 @@ def _hidden(_: Stored) -> list[Evidence]:
 
 
 def _steered(_: Stored) -> list[Evidence]:
-    found = _observability().sel(time=slice(4.2, 12.0))
-    return [point("share of samples that meet both", float(found["observable"].mean()), (1, 1), 1.0)]
+    part = _observability().sel(time=slice(4.2, 12.0))
+    return [point("share of samples that meet both", float(part["observable"].mean()), (1, 1), 1.0)]
 
 
 def _numerically_poor(_: Stored) -> list[Evidence]:
@@ -180,18 +180,18 @@ THEIR_NOISE = ("1e-10", "1e-10", "5e-8", "1e-9", "1e-10", "1e3", "1e3", "1e3", "
 def _free(stored: Stored) -> tuple[dict[tuple[int, int], np.ndarray], int]:
     """Return the NRMSE of every training by architecture, and how many trainings the others have."""
     arrays = stored.arrays(ARCHITECTURE)
-    found = {}
+    errors = {}
     for key, value in arrays.items():
         if key.startswith("nrmse_"):
             layers, neurons = key.removeprefix("nrmse_").split("x")
-            found[int(layers), int(neurons)] = value
-    counts = [v.shape[1] for shape, v in found.items() if shape != SPREAD]
-    return found, min(counts)
+            errors[int(layers), int(neurons)] = value
+    counts = [v.shape[1] for shape, v in errors.items() if shape != SPREAD]
+    return errors, min(counts)
 
 
 def _one_step(stored: Stored) -> dict[tuple[int, int], float]:
-    found, restarts = _free(stored)
-    return best(found, restarts, 0)
+    errors, restarts = _free(stored)
+    return best(errors, restarts, 0)
 
 
 def _best_is_wide(stored: Stored) -> list[Evidence]:
@@ -219,10 +219,10 @@ def _depth_is_nothing(neurons: int, region: tuple[float, float]) -> Callable[[St
 
 
 def _more_do_not_help(stored: Stored) -> list[Evidence]:
-    found = _free(stored)[0].get(SPREAD)
-    if found is None or found.shape[1] < 50:
+    errors = _free(stored)[0].get(SPREAD)
+    if errors is None or errors.shape[1] < 50:
         return []
-    least = [float(np.nanmin(found[0, :count])) for count in (50, 10)]
+    least = [float(np.nanmin(errors[0, :count])) for count in (50, 10)]
     return [point("least error of 50 trainings over that of 10", least[0] / least[1], (0.8, 1.0))]
 
 
@@ -292,12 +292,12 @@ GROWING = "growing-circle"
 
 def _on_the_circle(stored: Stored) -> list[Evidence]:
     """Count the estimators whose worst run is on the circle of growing steering."""
-    design, found = stored.design("ideal"), 0
+    design, count = stored.design("ideal"), 0
     for name in (EKF, UKF, NETWORK):
         values = stored.errors("ideal", None, name, ANGLE)
         worst = design.drives[int(np.nanargmax(np.nanmax(values.reshape(len(values), -1), axis=1)))]
-        found += worst == GROWING
-    return [point("estimators whose worst run is on it, of three", found, (3, 3), 3.0)]
+        count += worst == GROWING
+    return [point("estimators whose worst run is on it, of three", count, (3, 3), 3.0)]
 
 
 def _best_on_the_circle(stored: Stored) -> list[Evidence]:

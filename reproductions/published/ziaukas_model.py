@@ -75,8 +75,8 @@ def _ends(name: str, ends: tuple[str, str]) -> Record:
 
     def test(_: Stored) -> list[Evidence]:
         return [
-            point(which, one, (float(end) * (1 - 1e-9), float(end) * (1 + 1e-9)), float(end))
-            for which, one, end in zip(("lower", "upper"), ours, ends, strict=True)
+            point(which, value, (float(end) * (1 - 1e-9), float(end) * (1 + 1e-9)), float(end))
+            for which, value, end in zip(("lower", "upper"), ours, ends, strict=True)
         ]
 
     return Record("table 4.4", f"search range of {shown(name).words}", " to ".join(ends), "", Kind.SETTING, test)
@@ -109,8 +109,8 @@ def _printed_inertia(_: Stored) -> list[Evidence]:
 def _frequencies(_: Stored) -> list[Evidence]:
     """Return the highest frequency with which the model swings along the drive of Bild 5.2."""
     model = assemble("semitrailer", "magic_formula", sensors="series")
-    found = linearise(model, VALUES, synthetic_manoeuvre())
-    highest = max(float(np.abs(np.linalg.eigvals(a).imag).max()) for a in found.a[::50]) / (2 * np.pi)
+    linear = linearise(model, VALUES, synthetic_manoeuvre())
+    highest = max(float(np.abs(np.linalg.eigvals(a).imag).max()) for a in linear.a[::50]) / (2 * np.pi)
     return [point("highest frequency of the model in Hz, 10 m/s", highest, (0.0, 30.0))]
 
 
@@ -146,13 +146,13 @@ def _near(stored: Stored) -> list[Evidence]:
 def _scatter(stored: Stored, names: tuple[str, ...]) -> dict[str, float]:
     """Return the spread of what the swarms found (5 to 95 %) as a share of the search range."""
     arrays = stored.arrays(SWARM)
-    found: dict[str, float] = {}
+    spreads: dict[str, float] = {}
     for i, name in enumerate(arrays["parameters"]):
         if str(name) in names:
             low, high = {**BOUNDS, COG[0]: COG[1:]}[str(name)]
             spread = np.diff(np.quantile(arrays["swarm_values"][:, i], [0.05, 0.95]))[0] / (high - low)
-            found[str(name)] = max(float(spread), found.get(str(name), 0.0))
-    return found
+            spreads[str(name)] = max(float(spread), spreads.get(str(name), 0.0))
+    return spreads
 
 
 def _narrow(names: tuple[str, ...]) -> Callable[[Stored], list[Evidence]]:

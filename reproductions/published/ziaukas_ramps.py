@@ -76,8 +76,8 @@ def _medians(stored: Stored, variance: float) -> list[Evidence]:
         table.pop("history", None)
         _believing(variance, table)
 
-    found = stored.small(f"ideal-{variance:.2e}", build, "ideal").designs[0]
-    values = {q.name: found.rmse[t, 0, 0] for t, q in enumerate(found.targets)}
+    design = stored.small(f"ideal-{variance:.2e}", build, "ideal").designs[0]
+    values = {q.name: design.rmse[t, 0, 0] for t, q in enumerate(design.targets)}
     drives = {t: np.broadcast_to(np.arange(len(v)).reshape(-1, 1, 1), v.shape) for t, v in values.items()}
     return [
         Evidence(words(t), median_interval(values[t], drives[t]), between(theirs), theirs, values[t].size)
@@ -153,7 +153,7 @@ def _off(reading: str) -> Record:
 
 def _own(stored: Stored) -> list[Evidence]:
     values = {name: [delay_of(run, name) for run in ramps(stored)] for name in (EKF, UKF)}
-    return [_over_runs(name, found, between(DELAY), DELAY) for name, found in values.items()]
+    return [_over_runs(name, delays, between(DELAY), DELAY) for name, delays in values.items()]
 
 
 def _alike(stored: Stored) -> list[Evidence]:
@@ -196,8 +196,8 @@ def _another(factor: float) -> Callable[[Stored], list[Evidence]]:
     return test
 
 
-def _side(above: bool, of: float) -> tuple[tuple[float, float]]:
-    return ((of + 1e-3, np.inf),) if above else ((-np.inf, of - 1e-3),)
+def _side(above: bool, value: float) -> tuple[tuple[float, float]]:
+    return ((value + 1e-3, np.inf),) if above else ((-np.inf, value - 1e-3),)
 
 
 def records() -> tuple[Record, ...]:

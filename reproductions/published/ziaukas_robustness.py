@@ -155,16 +155,16 @@ def _closes(stored: Stored) -> list[Evidence]:
 def _overestimates(stored: Stored) -> list[Evidence]:
     """Compare the RMS of the estimated force with the true one in the run that is drawn over time."""
     runs = [h for h in stored.stores["mass"].histories if h.attrs["band_label"] == "8 t"]
-    found = []
+    evidence = []
     for name in EVERYONE:
         for run in runs:
             truth = run["truth"].sel(target=FORCE).to_numpy()
             estimate = run["estimate"].sel(target=FORCE, estimator=name).to_numpy()
             ratio = float(np.sqrt(np.nanmean(estimate**2) / np.nanmean(truth**2)))
-            found.append(
+            evidence.append(
                 point(f"{name}: RMS of the estimate over the truth, {run.attrs['drive']}", ratio, (1.0, np.inf)),
             )
-    return found
+    return evidence
 
 
 def _mass() -> tuple[Record, ...]:
@@ -318,7 +318,7 @@ ENDS |= {"tyre": ("±30 %",)}
 
 def _angle_is_robust(study: str) -> Record:
     def test(stored: Stored) -> list[Evidence]:
-        found = []
+        pairs = []
         for band in ENDS[study]:
             for name in EVERYONE:
                 growth = [
@@ -326,12 +326,12 @@ def _angle_is_robust(study: str) -> Record:
                     / np.nanmedian(stored.errors(study, MATCHED[study], name, t))
                     for t in (ANGLE, FORCE)
                 ]
-                found.append(
+                pairs.append(
                     point(
                         f"{name}, {band}: growth of the angle over that of the force", growth[0] / growth[1], (0.0, 1.0)
                     ),
                 )
-        return found
+        return pairs
 
     return Record(
         "5.5",

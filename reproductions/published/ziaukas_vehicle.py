@@ -89,8 +89,8 @@ def _load(name: str) -> Record:
 def _over_network(stored: Stored) -> list[Evidence]:
     """Compare the UKF with the network; the interval takes the ends of both."""
     ratios = stored.times["ratio"].sel(pace=PACES[0])
-    one, other = (ratios.sel(estimator=name).values.astype(float) for name in (UKF, NETWORK))
-    value = Interval(one[0] / other[0], one[1] / other[2], one[2] / other[1])
+    own, network = (ratios.sel(estimator=name).values.astype(float) for name in (UKF, NETWORK))
+    value = Interval(own[0] / network[0], own[1] / network[2], own[2] / network[1])
     return [Evidence("UKF over network, time of a step", value, between(8.0), 8.0, stored.times.sizes["time"])]
 
 

@@ -1,4 +1,4 @@
-"""Where an unknown disturbance may enter a model: its state equations, the forces and angles it publishes, its sensors.
+"""Disturbance inputs of a model: its state equations, the forces and angles it publishes, its sensors.
 
 The library of effects knows the inputs of the published quantities: an amplitude by which a port changes, whatever the
 vehicle does, is a disturbance of that port, and its direction in the space of parameters is all that is needed.

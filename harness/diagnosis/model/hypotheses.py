@@ -1,4 +1,4 @@
-"""What a model may lack: each effect of the library at each place, and each parameter that was held fixed."""
+"""Hypotheses of what a model lacks: each library effect at each place, and each parameter that was held fixed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which parameter changed between drives: in words, as a table and as ``changed.json``."""
+"""Parameter that changed between drives: in words, as a table and as ``changed.json``."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What the innovations still hold after the effects with a name: where, when, and along what."""
+"""Unmodelled disturbances in the innovations, after the effects with a name: place, time and dependence."""

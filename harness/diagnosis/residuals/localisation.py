@@ -1,4 +1,4 @@
-"""Where a model lacks something, before and after what was added, and the unmodelled disturbance that is left."""
+"""Localisation of a model's error before and after the additions, and the unmodelled disturbance that remains."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What a trace found: verdict, record, files, and what it gains an estimator and a study."""
+"""Result of a trace: verdict, record, files, and the gain for an estimator and a study."""

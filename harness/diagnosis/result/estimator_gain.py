@@ -1,4 +1,4 @@
-"""What the amendment gains estimators: each one on the held-out drives, with the nominal and the amended model.
+"""Gain of the amendment for estimators, run on the held-out drives with the nominal and the amended model.
 
 Each output in turn is estimated without its own measurement: its variance is stated so large that the measurement has
 no weight, and the prediction of the filter is compared with what was measured. The filters are compiled before the

@@ -1,4 +1,4 @@
-"""What an amendment gains in a study: the amended plant, with estimators that believe the nominal or amended model.
+"""Gain of an amendment in a study: the amended plant, with estimators that believe the nominal or amended model.
 
 Both runs of the study have the same plant, points, drives and noise, so they are compared run by run. Each belief has
 the noise variances that were fitted with it: those of a model that lacks something are larger, as after tuning.

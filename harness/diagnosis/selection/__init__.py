@@ -1,1 +1,1 @@
-"""Which effects are added: score tests, refits, acceptance on drives that were held out."""
+"""Selection of effects: score tests, refits, acceptance on held-out drives."""

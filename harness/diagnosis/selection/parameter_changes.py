@@ -1,4 +1,4 @@
-"""Which parameter of a model changed in new drives: each is refitted there alone, over all its range.
+"""Single parameters of a model refitted to new drives, each alone and over all its range.
 
 The score test predicts the gain of a small change. From dry road to ice is none: halfway there the car may slide, and
 the likelihood has more than one maximum. So every parameter is first tried at values far and near.

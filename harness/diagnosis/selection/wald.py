@@ -1,4 +1,4 @@
-"""What a model would lose without one of its additions, by the curvature of its likelihood (Wald 1943).
+"""Wald test: loss of likelihood without an addition, by the curvature of the likelihood (Wald 1943).
 
 With its amplitudes where it is absent, all else that the fit moved goes where it is likeliest by the Fisher information
 ``F``, within its bounds, and the loss in log-likelihood is ``d'F d / 2`` of the whole step ``d``, with the noise as it
