@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
+
 import pytest
+from threadpoolctl import threadpool_limits
 
 from harness.common.errors import UserError
 from harness.common.failures import FILE, Failures
@@ -15,6 +18,9 @@ from support.report_parts import ANGLE, lose_some
 from support.small_study import STUDY
 
 collect_rarely()  # as a command does
+# Threads of linear algebra spin while they wait for a core: beside other workers that is ten times the processor time.
+threadpool_limits(1, "blas")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of the processes that tests begin
 
 
 @pytest.fixture(autouse=True)

@@ -63,7 +63,7 @@ def stores(tmp_path_factory):
     folder = tmp_path_factory.mktemp("stores")
     uncertain = {"unknown_parameters": ["mass"]}
     noisy = CAR["plant"] | {"noise": {"input": {"steering_wheel_angle": "0.01 deg^2"}}}
-    few = {"estimator": CAR["estimator"][:2], "design": CAR["design"][:1]}
+    few = {"estimator": CAR["estimator"][:1], "design": CAR["design"][:1]}
     (folder / "probe.toml").write_text(STUDY)
     studies = {
         "car": build_study(CAR),

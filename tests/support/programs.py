@@ -4,10 +4,10 @@ A target or a module that is in no table fails ``tests/test_programs.py``.
 """
 
 import ast
-import functools
 import re
 import shlex
 import subprocess
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -171,21 +171,19 @@ MODULES: dict[str, Small | Begun | By] = {
 }
 
 
-@functools.cache
-def modules() -> dict[str, ast.Module]:
-    """Return every module of the packages by the name by which it runs."""
-    found = {}
+def modules() -> Iterator[tuple[str, ast.Module]]:
+    """Yield every module of the packages with the name by which it runs, one at a time: all trees are 150 MB."""
     for path in (path for top in PACKAGES for path in (ROOT / top).rglob("*.py")):
         parts = path.relative_to(ROOT).with_suffix("").parts
-        found[".".join(parts[:-1] if parts[-1] == "__main__" else parts)] = ast.parse(path.read_text(encoding="utf-8"))
-    return found
+        name = ".".join(parts[:-1] if parts[-1] == "__main__" else parts)
+        yield name, ast.parse(path.read_text(encoding="utf-8"))
 
 
 def runs(tree: ast.Module) -> bool:
     return any(isinstance(node, ast.If) and "__main__" in ast.unparse(node.test) for node in tree.body)
 
 
-PROGRAMS = {name: tree for name, tree in modules().items() if runs(tree)}
+PROGRAMS = frozenset(name for name, tree in modules() if runs(tree))
 
 
 def expanded(target: str) -> list[str]:
