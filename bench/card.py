@@ -49,13 +49,13 @@ def seconds_of(work: Callable[[], object], rounds: int) -> float:
     """Return how long work on the card takes, the quickest of some rounds."""
     work()
     cuda.synchronize()
-    found = []
+    result = []
     for _ in range(rounds):
         begin = time.perf_counter()
         work()
         cuda.synchronize()
-        found.append(time.perf_counter() - begin)
-    return min(found)
+        result.append(time.perf_counter() - begin)
+    return min(result)
 
 
 class Measurement:
@@ -92,14 +92,14 @@ class Measurement:
         """Return steps per second of the simulation and of each estimator, with their transfers."""
         loaded = self.loaded(runs)
         steps = runs * self.samples
-        found = {
+        result = {
             "simulation with noise": steps / seconds_of(lambda: self.card.simulate(self.drive, loaded), rounds),
         }
         simulated = self.card.simulate(self.drive, loaded)
         for e, spec in enumerate(self.evaluator.study.estimators):
             begun = self.begun(e, runs)
-            found[spec.name] = steps / seconds_of(lambda e=e, b=begun: self.card.estimate(e, simulated, b), rounds)
-        return found
+            result[spec.name] = steps / seconds_of(lambda e=e, b=begun: self.card.estimate(e, simulated, b), rounds)
+        return result
 
     def differences(self) -> dict[str, dict[str, float]]:
         """Return by estimator how far scores are from the processor's; see ``apart``."""
@@ -110,18 +110,18 @@ class Measurement:
 
 def apart(study: Study, wanted: Scores, got: Scores) -> dict[str, dict[str, float]]:
     """Return by estimator the largest relative difference of each score, and how many runs have an RMSE off by 1e-6."""
-    found: dict[str, dict[str, float]] = {}
+    result: dict[str, dict[str, float]] = {}
     for e, spec in enumerate(study.estimators):
-        found[spec.name] = {}
+        result[spec.name] = {}
         for name in ("rmse", "nees", "nis", "log_likelihood"):
             a, b = np.asarray(wanted[name])[:, :, e], np.asarray(got[name])[:, :, e]
             with np.errstate(invalid="ignore", divide="ignore"):
                 off = np.abs(b - a) / np.abs(a)
-            found[spec.name][name] = float(np.nanmax(off)) if np.isfinite(off).any() else float("nan")
+            result[spec.name][name] = float(np.nanmax(off)) if np.isfinite(off).any() else float("nan")
             if name == "rmse":
-                found[spec.name]["runs over 1e-6"] = float(np.count_nonzero(np.any(off > 1e-6, axis=-1)))
-        found[spec.name]["status"] = float(np.mean(wanted["status"][:, :, e] != got["status"][:, :, e]))
-    return found
+                result[spec.name]["runs over 1e-6"] = float(np.count_nonzero(np.any(off > 1e-6, axis=-1)))
+        result[spec.name]["status"] = float(np.mean(wanted["status"][:, :, e] != got["status"][:, :, e]))
+    return result
 
 
 def rounding(evaluator: StudyEvaluator, unit: Unit) -> dict[str, dict[str, float]]:

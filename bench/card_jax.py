@@ -236,30 +236,30 @@ def correct(eqs: Equations, state: Any, u: Any, y: Any, variances: Any) -> tuple
     return (x, P), nis, log_likelihood
 
 
-def estimated(form: Form, compiled: CompiledModel, tuning: Floats, seen: Seen, told: Told) -> Sums:
+def estimated(form: Form, compiled: CompiledModel, tuning: Floats, seen: Seen, belief: Told) -> Sums:
     """Run a filter over all samples, of one run or of all, and return what its scores are made of."""
-    eqs = equations_of(compiled, told.constants, JAX)
+    eqs = equations_of(compiled, belief.constants, JAX)
     assert form.predict is not None
 
     def sample(carried: Any, now: Any) -> tuple[Any, None]:
         state, sums = carried
         before, u, y, truth = now
-        state = form.predict(eqs, tuning, state, told.process, before)
-        state, nis, log_likelihood = correct(eqs, state, u, y, told.measurement)
+        state = form.predict(eqs, tuning, state, belief.process, before)
+        state, nis, log_likelihood = correct(eqs, state, u, y, belief.measurement)
         errors = stacked(eqs.signals(state[0], u)) - truth
-        found = Sums(errors * errors, nis, log_likelihood)
-        return (state, jax.tree.map(jnp.add, sums, found)), None
+        terms = Sums(errors * errors, nis, log_likelihood)
+        return (state, jax.tree.map(jnp.add, sums, terms)), None
 
-    first = told.mean, diagonal(told.variance)
+    first = belief.mean, diagonal(belief.variance)
     if form.entries:
         first = tuple(first[0]), tuple(tuple(row[: i + 1]) for i, row in enumerate(first[1]))
-    nothing = jnp.zeros_like(told.mean[0])
+    nothing = jnp.zeros_like(belief.mean[0])
     begun = first, Sums(jnp.zeros_like(seen.truth[0]), nothing, nothing)
     (_, sums), _ = lax.scan(sample, begun, (seen.inputs[:-1], seen.inputs[1:], seen.measured[1:], seen.truth[1:]))
     return sums
 
 
-def simulated(form: Form, compiled: CompiledModel, inputs: Any, noise: Any, told: Told) -> Any:
+def simulated(form: Form, compiled: CompiledModel, inputs: Any, noise: Any, belief: Told) -> Any:
     """Simulate one run or all; return signals and measurements of each sample, of a form of numbers row by row.
 
     Args:
@@ -267,10 +267,10 @@ def simulated(form: Form, compiled: CompiledModel, inputs: Any, noise: Any, told
         compiled: The plant.
         inputs: ``(samples, nu)``.
         noise: Standard normal numbers ``(samples, nx + ny)`` or ``(samples, nx + ny, runs)``.
-        told: Of the plant; its variance is not read.
+        belief: Of the plant; its variance is not read.
     """
-    eqs, gathered = equations_of(compiled, told.constants, JAX), tuple if form.entries else stacked
-    spread = jnp.sqrt(jnp.concatenate([told.process, told.measurement]))
+    eqs, gathered = equations_of(compiled, belief.constants, JAX), tuple if form.entries else stacked
+    spread = jnp.sqrt(jnp.concatenate([belief.process, belief.measurement]))
 
     def sample(x: Any, now: Any) -> tuple[Any, Any]:
         u, drawn = now
@@ -278,7 +278,7 @@ def simulated(form: Form, compiled: CompiledModel, inputs: Any, noise: Any, told
         moved = [each + spread[i] * drawn[i] for i, each in enumerate(moved)]
         return gathered(moved[: compiled.nx]), (gathered(eqs.signals(x, u)), gathered(moved[compiled.nx :]))
 
-    first, drawn = told.mean, noise
+    first, drawn = belief.mean, noise
     if form.entries:
         first, drawn = tuple(first), tuple(jnp.moveaxis(noise, 1, 0))
     return lax.scan(sample, first, (inputs, drawn))[1]
@@ -310,7 +310,7 @@ class Problem:
             in_a_row(self.batch.truth, 3)[:, [names.index(each) for each in self.compiled.signal_names]],
         )
 
-    def told(self, kind: str, runs: int) -> Told:
+    def belief(self, kind: str, runs: int) -> Told:
         """Return what an estimator is told of so many runs."""
         belief, state = self.begun[kind]
         variance = in_a_row(state.covariance, 3)[range(self.compiled.nx), range(self.compiled.nx)]
@@ -339,8 +339,8 @@ class Problem:
 
     def wanted(self, kind: str) -> Sums:
         """Return the sums of this project's estimator, on the processor."""
-        told = self.begun[kind], self.batch, self.believed
-        sums = self.evaluator.sums(self.places[kind], self.unit.drive, *told, keep=False)
+        begun = self.begun[kind], self.batch, self.believed
+        sums = self.evaluator.sums(self.places[kind], self.unit.drive, *begun, keep=False)
         per_run = in_a_row(sums.per_run, 2)
         return Sums(in_a_row(sums.errors, 3)[0], per_run[4], per_run[7])
 
@@ -350,26 +350,26 @@ class Problem:
         Measurements and truth lie on the device, as this project's do; what a filter is told of its runs is sent in
         each round, and scores come back.
         """
-        told, repeated = self.told(form.kind, runs), np.arange(runs) % SIMULATED
+        belief, repeated = self.belief(form.kind, runs), np.arange(runs) % SIMULATED
         seen = Seen(self.seen.inputs, *(jnp.take(jax.device_put(each), repeated, axis=-1) for each in self.seen[1:]))
         begin = time.perf_counter()
-        run = self.filter(form).lower(seen, told).compile()
+        run = self.filter(form).lower(seen, belief).compile()
         compiled = time.perf_counter() - begin
-        return runs * self.samples / shortest(lambda: jax.tree.map(np.asarray, run(seen, told)), rounds), compiled
+        return runs * self.samples / shortest(lambda: jax.tree.map(np.asarray, run(seen, belief)), rounds), compiled
 
     def rate_of_simulation(self, form: Form, runs: int, rounds: int) -> tuple[float, float]:
         """Return the same of the simulation, noise drawn; signals and measurements stay on the device."""
-        plant, told = self.evaluator.compiled.plant, self.plant(runs)
+        plant, held = self.evaluator.compiled.plant, self.plant(runs)
         inputs = self.evaluator.compiled.drives[self.unit.drive].plant[: self.samples, :, 0]
         width = self.samples, plant.nx + plant.ny, runs
 
-        def drawn_and_simulated(seed: Any, told: Told) -> Any:
-            return self.simulation(form)(inputs, jax.random.normal(jax.random.key(seed), width), told)
+        def drawn_and_simulated(seed: Any, held: Told) -> Any:
+            return self.simulation(form)(inputs, jax.random.normal(jax.random.key(seed), width), held)
 
         begin = time.perf_counter()
-        run = jax.jit(drawn_and_simulated).lower(0, told).compile()
+        run = jax.jit(drawn_and_simulated).lower(0, held).compile()
         compiled = time.perf_counter() - begin
-        return runs * self.samples / shortest(lambda: jax.block_until_ready(run(0, told)), rounds), compiled
+        return runs * self.samples / shortest(lambda: jax.block_until_ready(run(0, held)), rounds), compiled
 
 
 def shortest(work: Callable[[], object], rounds: int) -> float:
@@ -405,11 +405,11 @@ def table_of(
         best = [0.0] * len(runs)
         for form in (each for each in forms if each.kind == kind):
             measure = problem.rate_of_simulation if kind == SIMULATION else problem.rate
-            found = [measure(form, n, rounds) for n in runs]
-            best = [max(rate, most) for (rate, _), most in zip(found, best, strict=True)]
-            row = [f"{rate / 1e6:,.2f}" for rate, _ in found]
+            rates = [measure(form, n, rounds) for n in runs]
+            best = [max(rate, most) for (rate, _), most in zip(rates, best, strict=True)]
+            row = [f"{rate / 1e6:,.2f}" for rate, _ in rates]
             print("measured:", kind, form.name, *row, flush=True)
-            table.add_row(kind, form.name, *row, f"{max(seconds for _, seconds in found):.0f}")
+            table.add_row(kind, form.name, *row, f"{max(seconds for _, seconds in rates):.0f}")
         table.add_row(kind, "this project", *(f"{rate / 1e6:,.1f}" for rate in ours[kind]))
         times = [f"{rate / most:.2f}" for rate, most in zip(ours[kind], best, strict=True)]
         table.add_row(kind, "this project, times JAX's best", *times, end_section=True)

@@ -30,12 +30,12 @@ def compilation(study: Path) -> list[tuple[str, float]]:
     """Return what was made ready and the processor time of it in s: the equations, then kernel by kernel."""
     begun = time.process_time()
     evaluator = StudyEvaluator(load_study(study))
-    found = [("equations", time.process_time() - begun)]
+    times = [("equations", time.process_time() - begun)]
     for index in range(evaluator.kernels):
         begun = time.process_time()
         name = evaluator.warm_up(index)
-        found.append((name, time.process_time() - begun))
-    return found
+        times.append((name, time.process_time() - begun))
+    return times
 
 
 def main() -> None:
@@ -48,9 +48,9 @@ def main() -> None:
         as_numba_does()
     with tempfile.TemporaryDirectory() as folder:
         os.environ["HARNESS_CACHE"] = folder
-        found = compilation(chosen.study)
+        times = compilation(chosen.study)
     console = Console()
-    for name, seconds in [*found, ("together", sum(s for _, s in found))]:
+    for name, seconds in [*times, ("together", sum(s for _, s in times))]:
         console.print(f"{seconds:7.2f} s  {name}")
 
 

@@ -38,13 +38,13 @@ def verdict(scored: Scored) -> str:
     """Return in a sentence or two whether the trace was right."""
     true = " and ".join(scored.true).replace("_", " ")
     if set(scored.claimed) & set(scored.true):
-        found = f"The trace was right: it is {true} ({scored.magnitude})."
+        sentence = f"The trace was right: it is {true} ({scored.magnitude})."
     elif scored.right:
-        found = f"It is {true} ({scored.magnitude}). The trace named it among what these drives cannot tell apart."
+        sentence = f"It is {true} ({scored.magnitude}). The trace named it among what these drives cannot tell apart."
     else:
-        found = f"The trace was wrong: it is {true} ({scored.magnitude})."
+        sentence = f"The trace was wrong: it is {true} ({scored.magnitude})."
     sizes = [f"{name.replace('_', ' ')} off by {error:.1%}" for name, error in scored.errors.items()]
-    return " ".join([found, *([f"Size: {', '.join(sizes)}."] if sizes else [])])
+    return " ".join([sentence, *([f"Size: {', '.join(sizes)}."] if sizes else [])])
 
 
 def main(arguments: list[str] | None = None) -> int:

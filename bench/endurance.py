@@ -45,7 +45,7 @@ KINDS = ("kf", "ekf", "ukf", "cdkf", "st_cdkf")
 HOUR = 3600.0
 
 
-def endure(u, y, belief, first, limits, found):
+def endure(u, y, belief, first, limits, worst):
     """Run a filter on from a state, which is overwritten by the last one.
 
     Args:
@@ -54,7 +54,7 @@ def endure(u, y, belief, first, limits, found):
         belief: ``harness.engine.kernel_names.Belief``.
         first: ``harness.engine.kernel_names.State``.
         limits: Largest magnitude of each state ``(nx,)``.
-        found: Updated: largest difference of two mirrored entries over the root of their variances, smallest pivot over
+        worst: Updated: largest difference of two mirrored entries over the root of their variances, smallest pivot over
             its variance, samples at which a pivot was too small, and samples with a state outside ``(4, LANES)``.
     """
     work = workspace()
@@ -68,7 +68,7 @@ def endure(u, y, belief, first, limits, found):
         before, after = after, before
         write_covariance(before, work)
         repaired = cholesky(before.covariance, factor, NX)
-        apart, pivot = get(found, 0), get(found, 1)
+        apart, pivot = get(worst, 0), get(worst, 1)
         for i in range(NX):
             variance = get(before.covariance, i, i)
             share = get(factor, i, i) * get(factor, i, i) / variance
@@ -77,10 +77,10 @@ def endure(u, y, belief, first, limits, found):
                 away = get(before.covariance, i, j) - get(before.covariance, j, i)
                 away = select(away < 0.0, -away, away) / sqrt(variance * get(before.covariance, j, j))
                 apart = maximum(apart, select(away == away, away, 1.0))
-        put(apart, found, 0)
-        put(pivot, found, 1)
-        put(get(found, 2) + select(repaired > 0.0, 1.0, 0.0), found, 2)
-        put(get(found, 3) + select(outside(before.mean, limits) > 0.0, 1.0, 0.0), found, 3)
+        put(apart, worst, 0)
+        put(pivot, worst, 1)
+        put(get(worst, 2) + select(repaired > 0.0, 1.0, 0.0), worst, 2)
+        put(get(worst, 3) + select(outside(before.mean, limits) > 0.0, 1.0, 0.0), worst, 3)
     for i in range(NX):
         put(get(before.mean, i), first.mean, i)
         for j in range(NX):
@@ -131,7 +131,7 @@ def endurance(kinds: tuple[str, ...] = KINDS, hours: float = 24.0, part: float =
         source = paste(compiled.belief, f"endure_{kind}", [endure], kernels_of(load_estimator(kind)))
         loops[kind] = load_source(f"endure_{kind}", source).endure
         beliefs[kind], states[kind] = evaluator.begin(i, unit, cases, believed)
-    found = {kind: np.array([0.0, 1.0, 0.0, 0.0])[:, None] * np.ones(LANES) for kind in kinds}
+    extremes = {kind: np.array([0.0, 1.0, 0.0, 0.0])[:, None] * np.ones(LANES) for kind in kinds}
     spent = dict.fromkeys(kinds, 0.0)
     x = first_state(plant.model, held.values.T, compiled.drives[0].profile)
     limits = np.array([compiled.belief.model.valid.get(n, np.inf) for n in compiled.belief.model.states])
@@ -151,17 +151,21 @@ def endurance(kinds: tuple[str, ...] = KINDS, hours: float = 24.0, part: float =
         )
         assert (batch.left_at == len(inputs)).all(), "the vehicle left its range: choose a calmer drive"
         x = np.ascontiguousarray(batch.truth[-1, rows])
-        known, measurements = compiled.known(0, batch), compiled.measured(batch.measurements)
+        inputs_held, measurements = compiled.known(0, batch), compiled.measured(batch.measurements)
         for kind in kinds:
             begin = time.process_time()
-            loops[kind](known, measurements, beliefs[kind], states[kind], limits, found[kind])
+            loops[kind](inputs_held, measurements, beliefs[kind], states[kind], limits, extremes[kind])
             spent[kind] += time.process_time() - begin
-    return {k: _worst(found[k], spent[k]) for k in kinds}
+    return {k: _worst(extremes[k], spent[k]) for k in kinds}
 
 
-def _worst(found: Floats, seconds: float) -> Endured:
+def _worst(extremes: Floats, seconds: float) -> Endured:
     return Endured(
-        float(found[0].max()), float(found[1].min()), int(found[2].max()), int(found[3].max()), round(seconds, 1)
+        float(extremes[0].max()),
+        float(extremes[1].min()),
+        int(extremes[2].max()),
+        int(extremes[3].max()),
+        round(seconds, 1),
     )
 
 

@@ -1,4 +1,4 @@
-"""What other corrections cost where all is as believed, and gain where the sensors are not: docs/estimators.
+"""Cost of robust corrections where all is as believed, and their gain where the sensors are not: docs/estimators.
 
     python -m bench.estimators                        # every one; kinds behind it choose some
     python -m bench.estimators --steering measured
@@ -100,11 +100,11 @@ def lighter(evaluator: StudyEvaluator, unit: Unit, cases: list[Case]) -> Batch:
 
 def measure(kinds: list[str], steering: str) -> None:
     """Print the table."""
-    of = study(kinds, steering)
-    evaluator, cases = StudyEvaluator(of), [Case(0, repeat) for repeat in range(LANES)]
+    compared = study(kinds, steering)
+    evaluator, cases = StudyEvaluator(compared), [Case(0, repeat) for repeat in range(LANES)]
     rmse: dict[tuple[str, str], list[Floats]] = {}
     nees: dict[tuple[str, str], list[float]] = {}
-    for unit in units(of, of.designs[0]):
+    for unit in units(compared, compared.designs[0]):
         plain, believed = evaluator.simulate(unit, cases), evaluator.parameters(unit, cases, "belief")
         plant = evaluator.parameters(unit, cases, "plant")
         deviation = np.sqrt(plant.measurement_noise.T)
@@ -113,7 +113,7 @@ def measure(kinds: list[str], steering: str) -> None:
             for index, kind in enumerate(kinds):
                 scores = evaluator.estimate(index, unit, cases, batch, believed)
                 lost = scores.diverged_at < len(batch.truth)
-                rmse.setdefault((kind, case), []).append(np.where(lost, np.inf, scores.rmse[: len(of.targets)]))
+                rmse.setdefault((kind, case), []).append(np.where(lost, np.inf, scores.rmse[: len(compared.targets)]))
                 nees.setdefault((kind, case), []).append(float(np.mean(scores.nees)))
     seconds = {kind: time_of_step(study([kind], steering)) for kind in kinds}
     degrees = evaluator.compiled.belief.nx

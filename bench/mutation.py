@@ -87,7 +87,7 @@ def sites(node: ast.AST) -> Iterator[ast.expr | ast.stmt]:
 
 def mutants(seed: int, count: int) -> list[dict[str, Any]]:
     """Draw mutants: file, line, what stood there, what stands there now, and the whole text of the file."""
-    found = []
+    mutants_found = []
     if gone := [pattern for pattern in CODE if not any(ROOT.glob(pattern))]:
         raise UserError(f"bench/mutation.py: CODE: no file is {', '.join(gone)}")
     for path in sorted(p for pattern in CODE for p in ROOT.glob(pattern)):
@@ -99,8 +99,8 @@ def mutants(seed: int, count: int) -> list[dict[str, Any]]:
             new = f"({new})" if isinstance(site, ast.expr) and not isinstance(site, ast.Constant) else new
             where, old = path.relative_to(ROOT).as_posix(), text[first:last].decode()
             content = text[:first] + new.encode() + text[last:]
-            found.append({"file": where, "line": site.lineno, "old": old, "new": new, "text": content})
-    return random.Random(seed).sample(found, min(count, len(found)))
+            mutants_found.append({"file": where, "line": site.lineno, "old": old, "new": new, "text": content})
+    return random.Random(seed).sample(mutants_found, min(count, len(mutants_found)))
 
 
 def concerned(file: str) -> list[str]:
@@ -196,10 +196,10 @@ def main() -> int:
     kept, lock = out / f"mutants-{given.seed}.jsonl", Lock()
     kept.unlink(missing_ok=True)
     with ThreadPoolExecutor(given.jobs) as pool:
-        found = list(pool.map(judged, mutants(given.seed, given.count)))
-    late = sum(m["killed_by"] == OUT_OF_TIME for m in found)
-    ended = len(found) - late
-    killed = sum(bool(m["killed_by"]) for m in found) - late
+        mutants_found = list(pool.map(judged, mutants(given.seed, given.count)))
+    late = sum(m["killed_by"] == OUT_OF_TIME for m in mutants_found)
+    ended = len(mutants_found) - late
+    killed = sum(bool(m["killed_by"]) for m in mutants_found) - late
     print(f"{killed} of {ended} mutants killed, {killed / max(ended, 1):.0%}; of {late} the tests took too long")
     return 0
 

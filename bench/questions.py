@@ -40,10 +40,10 @@ def _click(page: Any, across: int, estimator: str, what: str) -> None:
     page.get_by_text("The scores are those of the store").first.wait_for(timeout=300_000)
 
 
-def _choose(page: Any, label: str, option: str, told: str) -> None:
+def _choose(page: Any, label: str, option: str, in_address: str) -> None:
     """Choose from a list and wait until the address tells it."""
     page.get_by_label(label, exact=True).select_option(option)
-    page.wait_for_function(f"location.search.includes('{told}')")
+    page.wait_for_function(f"location.search.includes('{in_address}')")
 
 
 def _scores(page: Any, *names: str) -> str:
@@ -105,13 +105,13 @@ QUESTIONS = {
 def answers(chromium: Any, addresses: dict[str, str]) -> Iterator[str]:
     """Give each question with its time and what is read."""
     browser = chromium.new_context(viewport={"width": 1280, "height": 900})
-    for question, (of, found) in QUESTIONS.items():
+    for question, (page_of, answer) in QUESTIONS.items():
         page = browser.new_page()
-        page.goto(addresses[of])
-        addresses[of] = page.url.partition("?")[0]  # the first one opens once
+        page.goto(addresses[page_of])
+        addresses[page_of] = page.url.partition("?")[0]  # the first one opens once
         page.wait_for_function(IDLE, timeout=120_000)
         begin = time.perf_counter()
-        read = found(page)
+        read = answer(page)
         page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
         yield f"{time.perf_counter() - begin:.1f} s  {question}\n{read}"
         page.close()

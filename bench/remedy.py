@@ -1,4 +1,4 @@
-"""How much estimating or considering the trailer's mass remedies: the tables of docs/remedy.md.
+"""Effect of estimating or considering the trailer's mass: the tables of docs/remedy.md.
 
     python bench/remedy.py estimated    # error against the one with the mass known, after 60 s of excited driving
     python bench/remedy.py considered   # share of samples with the true value inside the stated 95 % band
@@ -57,11 +57,11 @@ def study(
     sensors: str,
     kind: str,
     further: Mapping[str, Any],
-    of: str = "plant",
+    side: str = "plant",
     levels: Sequence[str] = LEVELS,
 ) -> Study:
     """Return a study of one estimator at every level of the mass."""
-    factor = {"parameter": "trailer_mass", "of": of, "levels": levels}
+    factor = {"parameter": "trailer_mass", "of": side, "levels": levels}
     content = {
         "name": "remedy",
         "seed": 20230109,
@@ -94,21 +94,23 @@ class Run:
     kept: Floats
 
 
-def runs(of: Study) -> Iterator[Run]:
+def runs(compared: Study) -> Iterator[Run]:
     """Run a study of one estimator."""
-    evaluator, design = StudyEvaluator(of), of.designs[0]
-    names, begin = evaluator.compiled.truth_names, round(of.score_after / of.plant.step)
-    for unit in units(of, design):
+    evaluator, design = StudyEvaluator(compared), compared.designs[0]
+    names, begin = evaluator.compiled.truth_names, round(compared.score_after / compared.plant.step)
+    for unit in units(compared, design):
         cases = [Case(0, repeat) for repeat in range(RUNS)]
         batch, believed = evaluator.simulate(unit, cases), evaluator.parameters(unit, cases, "belief")
         scores = evaluator.estimate(0, unit, cases, batch, believed, keep=True)
         assert scores.kept is not None
-        truth = batch.truth[:, [names.index(t) for t in of.targets]]
-        estimate, deviation = scores.kept[:, 0, : len(of.targets)], scores.kept[:, 1, : len(of.targets)]
+        truth = batch.truth[:, [names.index(t) for t in compared.targets]]
+        estimate, deviation = scores.kept[:, 0, : len(compared.targets)], scores.kept[:, 1, : len(compared.targets)]
         inside = np.abs(estimate - truth)[begin:] <= 1.96 * deviation[begin:]
         label = design.band_labels[unit.band]
         lost = int(np.sum(scores.diverged_at < len(truth)))
-        yield Run(label, of.drives[unit.drive].name, scores.rmse, scores.nees, inside.mean(axis=0), lost, scores.kept)
+        yield Run(
+            label, compared.drives[unit.drive].name, scores.rmse, scores.nees, inside.mean(axis=0), lost, scores.kept
+        )
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
@@ -124,13 +126,13 @@ def estimated() -> None:
     bound = average_bounds(STATES, 1.0)[1]
     rows = []
     for kind, walks in (("ekf", (0, 6, 12)), ("ukf", (6,))):
-        known = list(runs(study({}, sensors, kind, settled, of="both")))
+        with_mass = list(runs(study({}, sensors, kind, settled, side="both")))
         wrong = list(runs(study({}, sensors, kind, settled)))
         for walk in walks:
             mass = {"name": "trailer_mass", "prior": "12 t", "walk": f"{walk} t/sqrt(h)"}
-            found = list(runs(study({"unknown_parameters": [mass]}, sensors, kind, settled)))
+            estimating = list(runs(study({"unknown_parameters": [mass]}, sensors, kind, settled)))
             for level in LEVELS:
-                mine = [tuple(r for r in every if r.level == level) for every in (known, wrong, found)]
+                mine = [tuple(r for r in every if r.level == level) for every in (with_mass, wrong, estimating)]
                 force = [float(np.median([r.rmse[0] for r in some])) for some in mine]
                 over = [(f.rmse[0] / k.rmse[0], f.drive) for k, _, f in zip(*mine, strict=True)]
                 worst, where = max((float(np.median(ratio)), drive) for ratio, drive in over)
@@ -158,8 +160,8 @@ def considered() -> None:
                 belief: dict[str, Any] = {"unknown_inputs": unknown, **noise}
                 if prior:
                     belief["considered_parameters"] = [{"name": "trailer_mass", "prior": prior}]
-                found = list(runs(study(belief, sensors, kind, {})))
-                shares = [100 * np.mean([r.covered[0] for r in found if r.level == level]) for level in LEVELS]
+                results = list(runs(study(belief, sensors, kind, {})))
+                shares = [100 * np.mean([r.covered[0] for r in results if r.level == level]) for level in LEVELS]
                 rows.append([name, kind.upper(), prior or "none", *(f"{s:.0f} %" for s in shares)])
     table(["sensors", "estimator", "considered ±", *LEVELS], rows)
 
@@ -171,9 +173,9 @@ def unweighed() -> None:
         for prior in ("8 t", "14 t", "24 t"):
             belief = {"unknown_parameters": [{"name": "trailer_mass", "prior": prior}]}
             table_of = {"name": "RBPF", "kind": "rbpf", "particles": 16, "weighed": False}
-            found = list(runs(study(belief, sensors, "rbpf", {"estimator": [table_of]})))
-            shares = [100 * np.mean([r.covered[0] for r in found if r.level == level]) for level in LEVELS]
-            width = 1.96e-3 * np.median([np.median(r.kept[:, 1, 0]) for r in found])
+            results = list(runs(study(belief, sensors, "rbpf", {"estimator": [table_of]})))
+            shares = [100 * np.mean([r.covered[0] for r in results if r.level == level]) for level in LEVELS]
+            width = 1.96e-3 * np.median([np.median(r.kept[:, 1, 0]) for r in results])
             rows.append([sensors, prior, *(f"{s:.0f} %" for s in shares), f"{width:.1f}"])
     table(["sensors", "considered ±", *LEVELS, "band ± kN"], rows)
 
@@ -199,10 +201,10 @@ def steering() -> None:
     for factor in (1, 10, 100, 763):
         walk = {"unknown_inputs": STEERING, "noise": {"process": {STEERING[0]: factor * printed}}}
         for name, belief in (("certain", {}), ("considered", {"considered_parameters": CONSIDERED})):
-            found = list(runs(study({**walk, **belief}, "series", "ekf", {})))
-            shares = [100 * np.mean([r.covered[0] for r in found if r.level == level]) for level in LEVELS]
-            lost = sum(r.lost for r in found)
-            rows.append([f"{factor}", name, f"{lost} of {len(found) * RUNS}", *(f"{s:.0f} %" for s in shares)])
+            results = list(runs(study({**walk, **belief}, "series", "ekf", {})))
+            shares = [100 * np.mean([r.covered[0] for r in results if r.level == level]) for level in LEVELS]
+            lost = sum(r.lost for r in results)
+            rows.append([f"{factor}", name, f"{lost} of {len(results) * RUNS}", *(f"{s:.0f} %" for s in shares)])
     table(["variance of the steering over the printed one", "mass", "lost", *LEVELS], rows)
 
 
@@ -228,8 +230,8 @@ def particles() -> None:
                 scores = evaluator.estimate(index, unit, cases, batch, believed)
                 errors[name].append(scores.rmse[: len(mass.targets)])
                 lost[name] += int(np.sum(scores.diverged_at < len(batch.truth)))
-        for name, found in errors.items():
-            force, angle = np.median(np.concatenate(found, axis=1), axis=1)
+        for name, drive_errors in errors.items():
+            force, angle = np.median(np.concatenate(drive_errors, axis=1), axis=1)
             rows.append([f"{factor}", name, f"{force / 1e3:.2f}", f"{np.degrees(angle):.2f}", f"{lost[name]}"])
     table(["variance of the steering over the printed one", "filter", "force kN", "angle deg", "lost"], rows)
 
@@ -253,7 +255,7 @@ def _against_known(filters: Mapping[str, Mapping[str, Any]], levels: Sequence[st
     """Print what filters that do not know the mass do in the second minute, against the EKF that knows it."""
     settled = {"score_after": "60 s"}
     unknown = {"unknown_parameters": [{"name": "trailer_mass", "prior": "12 t"}]}
-    known = list(runs(study({}, "stability_control", "ekf", settled, of="both", levels=levels)))
+    with_mass = list(runs(study({}, "stability_control", "ekf", settled, side="both", levels=levels)))
     studies = {
         name: study(
             unknown,
@@ -266,10 +268,10 @@ def _against_known(filters: Mapping[str, Mapping[str, Any]], levels: Sequence[st
     }
     times = steps_in_turn([study({}, "stability_control", "ekf", {}), *studies.values()])
     rows = []
-    for (name, of), seconds in zip(studies.items(), times[1:], strict=True):
-        found = list(runs(of))
+    for (name, compared), seconds in zip(studies.items(), times[1:], strict=True):
+        results = list(runs(compared))
         for level in levels:
-            mine = [(k, f) for k, f in zip(known, found, strict=True) if f.level == level]
+            mine = [(k, f) for k, f in zip(with_mass, results, strict=True) if f.level == level]
             ratio = np.median([f.rmse[0] / k.rmse[0] for k, f in mine])
             worst = max((float(np.median(f.rmse[0] / k.rmse[0])), f.drive) for k, f in mine)
             force, mass = (np.median([f.rmse[i] for _, f in mine]) for i in (0, 2))

@@ -1,4 +1,4 @@
-"""What studies of millions of runs take; ``python -m bench.scale``, with ``--run`` or ``--dask``.
+"""Time and memory of studies of millions of runs; ``python -m bench.scale``, with ``--run`` or ``--dask``.
 
 ``--runs 10000000`` measures how a store is read: time and memory of its report. The store is as a study leaves it, but
 its units are copies of a few that were computed, so that it is made in minutes. The report is written by a process of

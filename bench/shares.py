@@ -1,4 +1,4 @@
-"""What whole commands spend in kernels, and what beside them: ``python -m bench.shares``.
+"""Shares of the time of whole commands, in kernels and beside them: ``python -m bench.shares``.
 
 Two studies (the mass study and the joint study of all factors) and a trace (two drives of the semitrailer in a
 crosswind, from the blind plant), from their start to their reports, each in a process of its own, on one core with
@@ -52,22 +52,22 @@ def place_of(file: str, kernels: str) -> str:
 
 def by_place(stats: pstats.Stats, kernels: str) -> dict[str, float]:
     """Return seconds by what they were spent for; those of a builtin are those of whoever called it."""
-    found: dict[str, float] = dict.fromkeys((KERNELS, *PLACES, REST), 0.0)
+    seconds: dict[str, float] = dict.fromkeys((KERNELS, *PLACES, REST), 0.0)
     for (file, _, _), (_, _, own, _, callers) in stats.stats.items():  # type: ignore[attr-defined]
         if file != "~" or not callers:
-            found[place_of(file, kernels)] += own
+            seconds[place_of(file, kernels)] += own
             continue
         for (caller, _, _), (_, _, part, _) in callers.items():
-            found[place_of(caller, kernels)] += part
-    return found
+            seconds[place_of(caller, kernels)] += part
+    return seconds
 
 
 def shares(profiled: Mapping[str, float], total: float) -> dict[str, float]:
     """Return shares of the time without the profiler, which slows down all but the kernels."""
-    beside = sum(profiled.values()) - profiled[KERNELS]
-    left = max(0.0, total - profiled[KERNELS])
-    found = {place: seconds * left / beside / total for place, seconds in profiled.items()}
-    return found | {KERNELS: min(1.0, profiled[KERNELS] / total)}
+    in_python = sum(profiled.values()) - profiled[KERNELS]
+    remaining = max(0.0, total - profiled[KERNELS])
+    scaled = {place: seconds * remaining / in_python / total for place, seconds in profiled.items()}
+    return scaled | {KERNELS: min(1.0, profiled[KERNELS] / total)}
 
 
 def work(command: str, folder: Path) -> Callable[[], object]:
@@ -87,8 +87,8 @@ def work(command: str, folder: Path) -> Callable[[], object]:
     task, augmented = Tracer(threads=1).model(case.folder)
 
     def trace() -> None:
-        found = run_trace(task, folder / "out", console, augmented)
-        report(found, "").write(folder / "out")
+        outcome = run_trace(task, folder / "out", console, augmented)
+        report(outcome, "").write(folder / "out")
 
     return trace
 
@@ -125,8 +125,8 @@ def main() -> None:
     )
     for command in given.only:
         _, plain, seen = (_in_a_process(command, *flag) for flag in ((), (), ("--profiled",)))  # the first compiles
-        found = shares(seen["places"], plain["total"])
-        cells = " | ".join(f"{100 * found[place]:.1f} %" for place in (KERNELS, *PLACES, REST))
+        time_shares = shares(seen["places"], plain["total"])
+        cells = " | ".join(f"{100 * time_shares[place]:.1f} %" for place in (KERNELS, *PLACES, REST))
         print(f"| {command} | {plain['total']:.1f} | {cells} |", flush=True)
 
 

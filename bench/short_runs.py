@@ -1,4 +1,4 @@
-"""What many short runs take beside their kernels: ``python -m bench.scale --run`` and ``--dask``.
+"""Time of many short runs beside their kernels: ``python -m bench.scale --run`` and ``--dask``.
 
 Each run of a study is a process of its own. The system says what it took, killed or not; the process itself times every
 sixteenth call of a kernel, because to look at the clock takes as long as a part of what is looked at.
@@ -112,9 +112,9 @@ def one_session(folder: Path, jobs: int) -> None:
     clock = _Clock()
     evaluate.StudyEvaluator = clock.evaluator  # type: ignore[assignment, misc]
     run.run_study(load_study(folder / "scale.toml"), folder, jobs, Console(stderr=True))
-    found = {name: EVERY * sum(times) for name, times in clock.times.items()}
+    spent = {name: EVERY * sum(times) for name, times in clock.times.items()}
     (folder / "kernels.json").write_text(
-        json.dumps({**found, "start": clock.start or time.process_time()}), encoding="utf-8"
+        json.dumps({**spent, "start": clock.start or time.process_time()}), encoding="utf-8"
     )
 
 
@@ -137,10 +137,10 @@ def session(folder: Path, jobs: int, stop_at: int | None = None) -> Session:
     process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode not in ((0,) if stop_at is None else (0, -signal.SIGKILL)):
         raise SystemExit(f"the run of {folder} ended with {process.returncode}; the same command goes on")
-    path, found = folder / "kernels.json", {"start": 0.0, "kernels": 0.0, "noise": 0.0}
+    path, spent = folder / "kernels.json", {"start": 0.0, "kernels": 0.0, "noise": 0.0}
     if path.exists():
-        found |= json.loads(path.read_text(encoding="utf-8"))
-    return Session(_done(folder) - before, seconds, used.ru_utime + used.ru_stime, used.ru_maxrss // 1024, **found)
+        spent |= json.loads(path.read_text(encoding="utf-8"))
+    return Session(_done(folder) - before, seconds, used.ru_utime + used.ru_stime, used.ru_maxrss // 1024, **spent)
 
 
 def _wait_for(folder: Path, runs: int, process: int) -> None:

@@ -1,4 +1,4 @@
-"""What the project is built from: is it what the locks say, whole, under which licences; ``python -m bench.supply``.
+"""Audit of the packages of the project against its locks, and of their licences; ``python -m bench.supply``.
 
 Works without a network. Every pin of the lock files must be installed in its version, with every file as its wheel
 recorded it; every requirement of what is pinned must be pinned; every licence must be one of ``ALLOWED``.
@@ -56,8 +56,8 @@ _SPELLED = (
 def pins(lock: Path) -> dict[str, str]:
     """Return the versions of a lock file by name of the package."""
     lines = (line.partition("#")[0].strip() for line in lock.read_text(encoding="utf-8").splitlines())
-    found = (Requirement(line) for line in lines if line)
-    return {canonicalize_name(r.name): next(iter(r.specifier)).version for r in found}
+    requirements = (Requirement(line) for line in lines if line)
+    return {canonicalize_name(r.name): next(iter(r.specifier)).version for r in requirements}
 
 
 def licence(about: metadata.PackageMetadata) -> str:
@@ -98,8 +98,8 @@ def faults_of_pins(pinned: Mapping[str, str], where: str) -> Iterator[str]:
             continue
         if Version(package.version) != Version(version):
             yield f"{where}: {name} {version} is pinned, {package.version} is installed"
-        if not is_allowed(found := licence(package.metadata)):
-            yield f"{where}: {name} has the licence '{found}', which nobody has looked at"
+        if not is_allowed(expression := licence(package.metadata)):
+            yield f"{where}: {name} has the licence '{expression}', which nobody has looked at"
         for text in package.requires or []:
             wanted = Requirement(text)
             if wanted.marker is not None and not wanted.marker.evaluate({"extra": ""}):
@@ -121,8 +121,8 @@ def changed_files(package: metadata.Distribution) -> Iterator[str]:
         if not path.is_file():
             yield f"{file} is missing"
             continue
-        found = base64.urlsafe_b64encode(hashlib.new(file.hash.mode, path.read_bytes()).digest()).rstrip(b"=").decode()
-        if found != file.hash.value.rstrip("="):
+        digest = base64.urlsafe_b64encode(hashlib.new(file.hash.mode, path.read_bytes()).digest()).rstrip(b"=").decode()
+        if digest != file.hash.value.rstrip("="):
             yield f"{file} is not as it was installed"
 
 
@@ -187,7 +187,7 @@ def listed_licences() -> str:
             if package not in before:
                 by.setdefault(licence(metadata.metadata(package)), []).append(package)
         before |= set(pins(ROOT / name))
-        rows += [f"| {what} | {expression} | {', '.join(found)} |" for expression, found in sorted(by.items())]
+        rows += [f"| {what} | {expression} | {', '.join(packages)} |" for expression, packages in sorted(by.items())]
     return "\n".join(rows) + "\n"
 
 
@@ -204,24 +204,24 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--advisories", type=Path, help="copy of the PyPA advisory database, or of a part of it")
     parser.add_argument("--page", action="store_true", help="renew the list of licences in docs/tables/licences.md")
     given = parser.parse_args(arguments)
-    found: dict[str, None] = {}
+    faults: dict[str, None] = {}
     every: dict[str, str] = {}
     for name in LOCKS:
         pinned = pins(ROOT / name)
-        found |= dict.fromkeys(faults_of_pins({**every, **pinned}, name))
+        faults |= dict.fromkeys(faults_of_pins({**every, **pinned}, name))
         for package in every.keys() & pinned.keys():
             if every[package] != pinned[package]:
-                found[f"{name}: {package} {pinned[package]}, but {every[package]} in the locks before"] = None
+                faults[f"{name}: {package} {pinned[package]}, but {every[package]} in the locks before"] = None
         every |= pinned
     if given.advisories is not None:
-        found |= dict.fromkeys(warned(every, given.advisories))
+        faults |= dict.fromkeys(warned(every, given.advisories))
     if given.page:
         PAGE.write_text(renewed(PAGE.read_text(encoding="utf-8"), listed_licences()), encoding="utf-8")
-    for fault in found:
+    for fault in faults:
         print(fault)
-    known = "" if given.advisories is None else f", advisories of {given.advisories}"
-    print(f"{len(every)} pins: installed, whole, complete, licences{known}: {len(found)} findings")
-    return 1 if found else 0
+    advisories = "" if given.advisories is None else f", advisories of {given.advisories}"
+    print(f"{len(every)} pins: installed, whole, complete, licences{advisories}: {len(faults)} findings")
+    return 1 if faults else 0
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Are the 95 % intervals of ``harness tune --data`` right? Tuning without a truth on recordings whose noise is known.
+"""Coverage of the 95 % intervals of ``harness tune --data``, on recordings whose noise is known.
 
 ``python -m bench.tuning --sets 18`` draws so many recordings of every case with fresh noise and fresh true variances,
 tunes from the stated ones, and counts how often the interval of a variance that the recordings determine holds the true
@@ -143,7 +143,7 @@ def tuned(case: Case, model: RecordedModel, seed: int) -> tuple[list[Found], int
     """Return the variances that a fresh recording determines, and how many it leaves open."""
     truth = drawn(model.spec, case.by, np.random.default_rng([seed, 3]))
     answer = tune_noise(model, [recording_of(truth, case, seed)], case.by)
-    found = []
+    determined = []
     for v in answer.variances:
         if v.held:
             continue
@@ -151,8 +151,8 @@ def tuned(case: Case, model: RecordedModel, seed: int) -> tuple[list[Found], int
         true = (truth.process_noise if v.kind == "process" else truth.measurement_noise)[name]
         inside = bool(v.lower[0] <= true <= v.upper[0])
         width = math.log(v.upper[0] / max(v.lower[0], 1e-300))
-        found.append(Found(case.name, seed, words(name), v.kind, float(v.value[0] / true), inside, width))
-    return found, len(answer.variances) - len(found)
+        determined.append(Found(case.name, seed, words(name), v.kind, float(v.value[0] / true), inside, width))
+    return determined, len(answer.variances) - len(determined)
 
 
 def coverage(
@@ -168,7 +168,7 @@ def coverage(
         out: File with a line for every recording; those that it holds are not drawn again.
     """
     kept = {} if out is None or not out.is_file() else _read(out)
-    found: list[Found] = []
+    determined: list[Found] = []
     left_open: dict[str, int] = {}
     for number, case in enumerate(cases):
         if case is None:
@@ -181,9 +181,9 @@ def coverage(
                 if out is not None:
                     _append(out, case.name, seed, *kept[case.name, seed])
             some, rest = kept[case.name, seed]
-            found += some
+            determined += some
             left_open[case.name] = left_open.get(case.name, 0) + rest
-    return found, left_open
+    return determined, left_open
 
 
 def _read(path: Path) -> dict[tuple[str, int], tuple[list[Found], int]]:
@@ -191,23 +191,23 @@ def _read(path: Path) -> dict[tuple[str, int], tuple[list[Found], int]]:
     return {(line["case"], line["seed"]): ([Found(**f) for f in line["found"]], line["open"]) for line in lines}
 
 
-def _append(path: Path, case: str, seed: int, found: Sequence[Found], left_open: int) -> None:
+def _append(path: Path, case: str, seed: int, determined: Sequence[Found], left_open: int) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    line = {"case": case, "seed": seed, "open": left_open, "found": [dataclasses.asdict(f) for f in found]}
+    line = {"case": case, "seed": seed, "open": left_open, "found": [dataclasses.asdict(f) for f in determined]}
     with path.open("a", encoding="utf-8") as file:
         file.write(json.dumps(line) + "\n")
 
 
-def table(found: Sequence[Found], left_open: dict[str, int]) -> str:
+def table(determined: Sequence[Found], left_open: dict[str, int]) -> str:
     """Return the counts as a table in Markdown."""
     rows = ["| case | determined | left open | inside the 95 % interval |", "|---|---|---|---|"]
     for name, rest in left_open.items():
-        some = [f.inside for f in found if f.case == name]
+        some = [f.inside for f in determined if f.case == name]
         rows.append(f"| {name} | {len(some)} | {rest} | {_share(some)} |")
     for kind in ("process", "measurement"):
-        some = [f.inside for f in found if f.kind == kind]
+        some = [f.inside for f in determined if f.kind == kind]
         rows.append(f"| all {kind} noise | {len(some)} |  | {_share(some)} |")
-    everything = [f.inside for f in found]
+    everything = [f.inside for f in determined]
     rows.append(f"| **all** | {len(everything)} | {sum(left_open.values())} | **{_share(everything)}** |")
     return "\n".join(rows)
 
@@ -229,10 +229,10 @@ def main() -> None:
     chosen = parser.parse_args()
     console = Console(stderr=True)
     cases = [case if case.name.startswith(chosen.cases) else None for case in CASES]
-    found, left_open = coverage(
+    determined, left_open = coverage(
         cases, chosen.sets, chosen.first, lambda seeds: track(seeds, console=console), chosen.out
     )
-    print(table(found, left_open))
+    print(table(determined, left_open))
 
 
 if __name__ == "__main__":

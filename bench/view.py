@@ -1,4 +1,4 @@
-"""How fast is ``harness view``: first picture, clicks, a slider, memory; ``python -m bench.view results/mass``.
+"""Speed of ``harness view``: first picture, clicks, a slider, memory; ``python -m bench.view results/mass``.
 
 ``--runs 100000`` makes a store of that many runs first, as ``bench.scale`` does. Every time is that of a browser, from
 the reader's action until the page shows what belongs to it. The first click of each estimator loads or compiles it, and
@@ -52,7 +52,7 @@ def spent(process: int) -> float:
 
 def browser_spent(server: int) -> float:
     """Return the processor time of the browser in s: of all processes that began here, but for the server (Linux)."""
-    parents, found = {}, 0.0
+    parents, total = {}, 0.0
     for path in Path("/proc").glob("[0-9]*/stat"):
         with contextlib.suppress(OSError):
             parents[int(path.parent.name)] = int(path.read_text(encoding="utf-8").rpartition(")")[2].split()[1])
@@ -62,8 +62,8 @@ def browser_spent(server: int) -> float:
             above = parents[above]
         if above == os.getpid() != process:
             with contextlib.suppress(OSError):
-                found += spent(process)
-    return found
+                total += spent(process)
+    return total
 
 
 def until_painted(page: Any, doing: Callable[[], Any]) -> float:

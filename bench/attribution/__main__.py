@@ -1,4 +1,4 @@
-"""How often ``harness trace`` names what is missing: cases of the blind plant, traced, and only then opened.
+"""Attribution of ``harness trace`` on cases of the blind plant, which are opened only after they were traced.
 
 ``python -m bench.attribution --cases semitrailer-none semitrailer-crosswind-medium`` runs some cases, ``--vehicle car``
 all of one vehicle, ``--magnitude medium`` all of one magnitude, nothing of these all that the plant lists (hours).
@@ -49,16 +49,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     out = given.out or Path(
         "results/attribution" if given.quality == "clean" else f"results/attribution-{given.quality}"
     )
-    known = listed()
-    names = [case.name for case in known]
+    plant_cases = listed()
+    names = [case.name for case in plant_cases]
     unknown = [name for name in given.cases if name not in names]
     if unknown or given.jobs < 1 or given.repeats < 1:
         parser.error(f"the plant has no case {unknown[0]}" if unknown else "--jobs and --repeats are 1 or more")
     chosen = [n for n in given.cases or names if wanted(n, given.vehicle, given.magnitude)]
     draws = [(n, repeat) for repeat in range(given.first, given.first + given.repeats) for n in chosen]
     if given.gate is not None:
-        draws = drawn([case for case in known if case.name in chosen], given.first, given.gate)
-    kinds = {case.name: case.kind for case in known}
+        draws = drawn([case for case in plant_cases if case.name in chosen], given.first, given.gate)
+    kinds = {case.name: case.kind for case in plant_cases}
     draws = [(n, repeat) for n, repeat in draws if given.kind in (None, kinds[n])]
     cases = [Case(n, repeat, out / f"{n}-{repeat}", given.quality) for n, repeat in draws]
     if given.traced:

@@ -162,8 +162,8 @@ def _tracing() -> Callable[[Path], str]:
                 task, augmented = tracer.model(folder)
                 drives = drives_of(task, augmented)
                 kept = KeptFits(folder / FITS)
-                found = trace(augmented, *drives, task.free, rounds=task.rounds, failures=failures, kept=kept)
-                write_outcome(outcome_of(found, failures=failures), written)
+                judged = trace(augmented, *drives, task.free, rounds=task.rounds, failures=failures, kept=kept)
+                write_outcome(outcome_of(judged, failures=failures), written)
         except Exception:  # a trace that ends in an error is a wrong answer, and the others go on
             return traceback.format_exc()
         return ""

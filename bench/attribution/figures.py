@@ -39,15 +39,15 @@ def figures(scored: Cases) -> dict[str, bytes]:
         "limits": limits,
         "gap": gaps,
     }
-    found = {}
+    files = {}
     for vehicle in vehicles(scored):
         own = [s for s in scored if s.vehicle == vehicle]
         for name, draw in drawings.items():
             with style.drawing():
                 drawn = draw(words(vehicle), own)
             if drawn is not None:
-                found[f"{name}-{vehicle}.svg"] = drawn
-    return found
+                files[f"{name}-{vehicle}.svg"] = drawn
+    return files
 
 
 def confusion(vehicle: str, scored: Cases) -> bytes | None:

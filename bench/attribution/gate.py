@@ -26,7 +26,7 @@ def drawn(listed: Sequence[Listed], first: int, count: int) -> list[tuple[str, i
         count: How many.
     """
     vehicles = sorted({case.name.split("-")[0] for case in listed})
-    found = []
+    draws = []
     for number in range(first, first + count):
         block, place = divmod(number, BLOCK)
         kinds = np.random.default_rng([block]).permutation(np.repeat(list(SHARES), list(SHARES.values())))
@@ -34,5 +34,5 @@ def drawn(listed: Sequence[Listed], first: int, count: int) -> list[tuple[str, i
         vehicle = vehicles[rng.integers(len(vehicles))]
         of_kind = [case for case in listed if case.kind == kinds[place] and case.first_draw <= number]
         cases = [case.name for case in of_kind if case.name.startswith(f"{vehicle}-")]
-        found.append((cases[rng.integers(len(cases))], number))
-    return found
+        draws.append((cases[rng.integers(len(cases))], number))
+    return draws

@@ -42,8 +42,8 @@ def write_oracle(folder: Path, task: TraceTask, augmented: AugmentedModel) -> No
     """
     sealed = json.loads((folder / "sealed.json").read_text())
     with threadpool_limits(1):
-        found = _oracle(sealed, task, augmented)
-    write_files(folder, {FILE: json.dumps(found, indent=1) + "\n"})
+        oracle = _oracle(sealed, task, augmented)
+    write_files(folder, {FILE: json.dumps(oracle, indent=1) + "\n"})
 
 
 def _oracle(sealed: Mapping[str, Any], task: TraceTask, augmented: AugmentedModel) -> dict[str, Any]:
@@ -56,13 +56,13 @@ def _oracle(sealed: Mapping[str, Any], task: TraceTask, augmented: AugmentedMode
     variances = first_variances(augmented, drives)
     fitting = Fitting(augmented, train, variances)
     free = free_parameters(sealed, task.free, augmented)
-    start, known = _start(fitting, sealed, true, free)
-    fitted = fitting.fit(coordinates(augmented, free, known, len(train)), start, ITERATIONS)
-    judged = HeldOut(augmented, test, variances).judge(known, fitted.point)
+    start, added = _start(fitting, sealed, true, free)
+    fitted = fitting.fit(coordinates(augmented, free, added, len(train)), start, ITERATIONS)
+    judged = HeldOut(augmented, test, variances).judge(added, fitted.point)
     return {
         "excess": judged.normalised_excess_mse if math.isfinite(judged.normalised_excess_mse) else None,
-        "added": [h.name for h in known],
-        "parameters": {n: float(fitted.point.values[augmented.row(n), 0]) for h in known for n in h.shared}
+        "added": [h.name for h in added],
+        "parameters": {n: float(fitted.point.values[augmented.row(n), 0]) for h in added for n in h.shared}
         | {n: float(fitted.point.values[augmented.row(n), 0]) for n in free},
     }
 
@@ -95,8 +95,8 @@ def true_hypotheses(augmented: AugmentedModel, effect: Mapping[str, Any]) -> tup
 
 def _needed(effect: Mapping[str, Any]) -> set[str]:
     """Return the parameters of the library that the seal has values of."""
-    known = effect["oracle"]
-    return {*known["parameters"], *(name for times in known["per_drive"].values() for name in times)}
+    sealed_values = effect["oracle"]
+    return {*sealed_values["parameters"], *(name for times in sealed_values["per_drive"].values() for name in times)}
 
 
 def free_parameters(sealed: Mapping[str, Any], usual: Sequence[str], augmented: AugmentedModel) -> tuple[str, ...]:
@@ -129,14 +129,14 @@ def _start(
         return point, tuple(h for own in true for h in own)
     without: FittedHypothesis = fitting.fit(coordinates(augmented, free, (), len(fitting.drives)), point, ITERATIONS)
     test, values = ScoreTest(fitting, without), without.point.values.copy()
-    known: list[Hypothesis] = []
+    added: list[Hypothesis] = []
     for own, effect in zip(true, sealed["effects"], strict=True):
         if effect["oracle"]["parameters"]:
-            known += own
+            added += own
             continue
         scores = test.of(own)
         for score in scores if _needed(effect) else [max(scores, key=lambda s: s.gain)]:
-            known.append(score.hypothesis)
+            added.append(score.hypothesis)
             for name, value in zip(score.hypothesis.shared, [*score.amplitudes, *score.shapes], strict=True):
                 values[augmented.row(name)] = value
-    return replace(without.point, values=values), tuple(known)
+    return replace(without.point, values=values), tuple(added)

@@ -105,8 +105,8 @@ class Tracer:
             if not oracle:
                 write_oracle(folder, task, augmented)
         except Exception as error:  # one broken case must not end the run of hundreds
-            known = isinstance(error, UserError | ModelError)
-            write_files(folder, {FAILED: str(error) if known else traceback.format_exc()})
+            is_refusal = isinstance(error, UserError | ModelError)
+            write_files(folder, {FAILED: str(error) if is_refusal else traceback.format_exc()})
             return str(error)
         (folder / FAILED).unlink(missing_ok=True)
         return ""

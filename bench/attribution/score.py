@@ -1,4 +1,4 @@
-"""What a trace says against what the seal says: one case, scored."""
+"""Score of the trace of one case against its seal."""
 
 from __future__ import annotations
 
@@ -113,8 +113,9 @@ def score(folder: Path, traced_in: str = "trace") -> Scored:
     accepted = {name: e["name"] for e in sealed["effects"] for name in (e["name"], *e["equivalent"])}
     claimed = [a["effect"] for a in traced["added"]]
     named = {accepted.get(n) for n in (*claimed, *(_PARAMETER + a["effect"] for a in traced["parameters"]))} - {None}
-    found = named | ({accepted.get(n) for n in _alike(traced)} - {None} if claimed or traced["parameters"] else set())
-    known = sealed["effects"][0] if sealed["effects"] else None
+    alike = {accepted.get(n) for n in _alike(traced)} if claimed or traced["parameters"] else set()
+    candidates = named | (alike - {None})
+    first_effect = sealed["effects"][0] if sealed["effects"] else None
     return Scored(
         sealed["case"],
         sealed["repeat"],
@@ -127,15 +128,15 @@ def score(folder: Path, traced_in: str = "trace") -> Scored:
         tuple(claimed),
         _first(traced, accepted, sealed["kind"]),
         len(named),
-        len(found),
+        len(candidates),
         tuple(n for n in claimed if n not in accepted),
         tuple(e["name"] for e in sealed["effects"] if _misplaced(e, traced["added"])),
-        _right(sealed, traced["verdict"], claimed, len(found)),
+        _right(sealed, traced["verdict"], claimed, len(candidates)),
         _closed(traced["excess"], oracle),
         oracle,
         _errors(traced, sealed),
-        _size(known, sealed["noise"]) if known else "",
-        _reach(known["oracle"]["parameters"], traced["candidates"]) if known else math.nan,
+        _size(first_effect, sealed["noise"]) if first_effect else "",
+        _reach(first_effect["oracle"]["parameters"], traced["candidates"]) if first_effect else math.nan,
         sealed.get("quality", "clean"),
         recording,
         any({accepted.get(n) for n in names} >= set(accepted.values()) for names in _sets(traced)),
@@ -159,9 +160,9 @@ def _of_vehicle(traced: Mapping[str, Any], sealed: Mapping[str, Any]) -> tuple[d
         return any(a["effect"] == name and (not place or not at or place == at) for name, at in faults)
 
     named = [a for a in traced["added"] if of_recording(a)]
-    left = [a for a in traced["added"] if not of_recording(a)]
-    verdict = "adequate" if named and not left and traced["verdict"] == "amended" else traced["verdict"]
-    return {**traced, "added": left, "verdict": verdict}, tuple(a["effect"] for a in named)
+    remaining = [a for a in traced["added"] if not of_recording(a)]
+    verdict = "adequate" if named and not remaining and traced["verdict"] == "amended" else traced["verdict"]
+    return {**traced, "added": remaining, "verdict": verdict}, tuple(a["effect"] for a in named)
 
 
 def _expected(sealed: Mapping[str, Any], claimed: Sequence[str], named: Container[str]) -> str:
@@ -197,12 +198,12 @@ def _wrong(traced: Mapping[str, Any], there: Container[str]) -> float:
     """
     if not traced.get("posterior"):
         return math.nan
-    found: dict[str, float] = {}
+    probabilities: dict[str, float] = {}
     most = 1.0 - traced["posterior"]["none_of_these"]
     for h in traced["posterior"]["hypotheses"]:
         if h["kind"] == "effect" and _plain(h) not in there:
-            found[_plain(h)] = min(most, found.get(_plain(h), 0.0) + h["probability"])
-    return max(found.values(), default=0.0)
+            probabilities[_plain(h)] = min(most, probabilities.get(_plain(h), 0.0) + h["probability"])
+    return max(probabilities.values(), default=0.0)
 
 
 def _first(traced: Mapping[str, Any], accepted: Mapping[str, str], kind: str) -> str:
@@ -227,7 +228,7 @@ def _misplaced(effect: Mapping[str, Any], added: Sequence[Mapping[str, Any]]) ->
     return bool(true and same) and not any(true & a["parameters"].keys() for a in same)
 
 
-def _right(sealed: Mapping[str, Any], verdict: str, claimed: Sequence[str], found: int) -> bool:
+def _right(sealed: Mapping[str, Any], verdict: str, claimed: Sequence[str], accepted: int) -> bool:
     if verdict == "failed":
         return False
     match sealed["kind"]:
@@ -235,7 +236,7 @@ def _right(sealed: Mapping[str, Any], verdict: str, claimed: Sequence[str], foun
             return not claimed and verdict != "amended"
         case "unlisted":
             return verdict == UNRESOLVED
-    return found == len(sealed["effects"])
+    return accepted == len(sealed["effects"])
 
 
 def _closed(excess: Mapping[str, float | None], oracle: float) -> float:

@@ -1,4 +1,4 @@
-"""Does what a trace names hang on a number? The same cases with every number of the criteria halved and doubled.
+"""Sensitivity of traces to the criteria: the same cases with every number of them halved and doubled.
 
 ``python -m bench.attribution.sensitivity`` traces the cases once as stated and once with each change
 (``bench.attribution.changed_criteria``), scores every trace by the numbers as stated, and writes a line of each to
@@ -77,8 +77,8 @@ def main(arguments: Sequence[str]) -> None:
     for name in sorted({*given.cases} - {case.name for case in listed()}):
         parser.error(f"the plant has no case {name}")
     cases = drawn(given.cases, given.first, given.quality, given.out)
-    found = run(cases, chosen, given.out / "sensitivity.jsonl")
-    page = tables(chosen, cases, found)
+    results = run(cases, chosen, given.out / "sensitivity.jsonl")
+    page = tables(chosen, cases, results)
     write_files(given.out, {"sensitivity.md": page})
     if given.page:
         write_files(PAGE.parent, {PAGE.name: renewed(PAGE.read_text(encoding="utf-8"), page, *MARKS)})
@@ -99,19 +99,19 @@ def run(cases: Sequence[Case], chosen: Sequence[Change], file: Path) -> dict[Key
         UserError: If the plant cannot write a case, or the process that traces ends.
     """
     code = sources.digest([changed_criteria])
-    found = read(file, code)
+    results = read(file, code)
     labels = [STATED, *(c.label for c in chosen)]
-    left = {label: [c for c in cases if (label, c.folder.name) not in found] for label in labels}
-    done, total = len(cases) * len(labels) - sum(map(len, left.values())), len(cases) * len(labels)
-    prepare([c for c in cases if any(c in others for others in left.values())])
+    open_cases = {label: [c for c in cases if (label, c.folder.name) not in results] for label in labels}
+    done, total = len(cases) * len(labels) - sum(map(len, open_cases.values())), len(cases) * len(labels)
+    prepare([c for c in cases if any(c in others for others in open_cases.values())])
     for label in labels:
-        for folder, problem in traced(label, [c.folder for c in left[label]]):
-            new = found[label, folder.name] = of_folder(folder)
+        for folder, problem in traced(label, [c.folder for c in open_cases[label]]):
+            new = results[label, folder.name] = of_folder(folder)
             append(file, code, label, folder.name, new)
             done += 1
-            told = problem.strip().rpartition("\n")[2] or ", ".join((new.scored.verdict, *new.scored.claimed))
-            print(f"{done} of {total}: {label}, {folder.name}: {told}", file=sys.stderr, flush=True)
-    return found
+            ending = problem.strip().rpartition("\n")[2] or ", ".join((new.scored.verdict, *new.scored.claimed))
+            print(f"{done} of {total}: {label}, {folder.name}: {ending}", file=sys.stderr, flush=True)
+    return results
 
 
 def prepare(cases: Sequence[Case]) -> None:
@@ -139,8 +139,8 @@ def traced(label: str, folders: Sequence[Path]) -> Iterator[tuple[Path, str]]:
     command = [sys.executable, "-m", changed_criteria.__name__, label, *map(str, folders)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
-        for told in map(json.loads, process.stdout):
-            yield Path(told["folder"]), told["problem"]
+        for line in map(json.loads, process.stdout):
+            yield Path(line["folder"]), line["problem"]
     if process.returncode:
         raise UserError(f"the traces with {label} ended with exit status {process.returncode}")
 
@@ -162,25 +162,25 @@ def append(file: Path, code: str, label: str, case: str, new: Traced) -> None:
 
 def read(file: Path, code: str) -> dict[Key, Traced]:
     """Return the results that are of this code."""
-    found = {}
+    results = {}
     for entry in map(json.loads, file.read_text(encoding="utf-8").splitlines() if file.is_file() else ()):
         if entry["code"] == code:
-            found[entry["change"], entry["case"]] = Traced(of_plain(entry["scored"]), entry["trace"])
-    return found
+            results[entry["change"], entry["case"]] = Traced(of_plain(entry["scored"]), entry["trace"])
+    return results
 
 
-def tables(chosen: Sequence[Change], cases: Sequence[Case], found: Found) -> str:
+def tables(chosen: Sequence[Change], cases: Sequence[Case], results: Found) -> str:
     """Return what the traces as stated say, the table of all numbers, and every case that one of them changes."""
     names = [c.folder.name for c in cases]
-    stated = [found[STATED, n] for n in names]
+    stated = [results[STATED, n] for n in names]
     lines = header(["number", "stated", *WAYS], 2 + len(WAYS))
     for number in dict.fromkeys(c.number for c in chosen):
         own = [c for c in chosen if c.number == number]
-        cells = [f"{shown(c.value)}: {changed(stated, [found[c.label, n] for n in names])}" for c in own]
+        cells = [f"{shown(c.value)}: {changed(stated, [results[c.label, n] for n in names])}" for c in own]
         lines.append(line([f"`{number}`", shown(own[0].before), *cells]))
     each = header(["number", "case", "as stated", "then"], 4)
     for change, name in ((c, n) for c in chosen for n in names):
-        pair = [found[label, name].scored for label in (STATED, change.label)]
+        pair = [results[label, name].scored for label in (STATED, change.label)]
         if differences(*pair):
             each.append(line([f"`{change.number}` {change.way}", name, *map(outcome, pair)]))
     scales = "; ".join(f"{what} ({', '.join(f'`{n}`' for n in numbers)})" for what, numbers in HOW.values())
@@ -206,23 +206,23 @@ def is_first(s: Scored) -> bool:
     return s.first in s.true
 
 
-def differences(one: Scored, other: Scored) -> list[str]:
+def differences(stated: Scored, changed: Scored) -> list[str]:
     """Return what a changed number changes of a case; a hundredth of the gap counts."""
     pairs = {
-        "verdict": (one.verdict, other.verdict),
-        "names": (one.claimed, other.claimed),
-        "faults of the recording": (one.recording, other.recording),
-        "true effect first": (is_first(one), is_first(other)),
-        "in the set": (one.covered, other.covered),
-        "false claims": (len(one.extra), len(other.extra)),
-        "gap closed": (0.0, 0.0 if both_nan(one.closed, other.closed) else abs(one.closed - other.closed)),
+        "verdict": (stated.verdict, changed.verdict),
+        "names": (stated.claimed, changed.claimed),
+        "faults of the recording": (stated.recording, changed.recording),
+        "true effect first": (is_first(stated), is_first(changed)),
+        "in the set": (stated.covered, changed.covered),
+        "false claims": (len(stated.extra), len(changed.extra)),
+        "gap closed": (0.0, 0.0 if both_nan(stated.closed, changed.closed) else abs(stated.closed - changed.closed)),
     }
     return [what for what, (a, b) in pairs.items() if (a != b if what != "gap closed" else not b < 0.01)]
 
 
-def both_nan(one: float, other: float) -> bool:
+def both_nan(first: float, other: float) -> bool:
     """Whether neither of two numbers is there."""
-    return math.isnan(one) and math.isnan(other)
+    return math.isnan(first) and math.isnan(other)
 
 
 def changed(stated: Sequence[Traced], others: Sequence[Traced]) -> str:

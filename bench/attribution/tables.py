@@ -21,8 +21,8 @@ Cases = Sequence[Scored]
 
 def wilson(right: int, total: int) -> tuple[float, float]:
     """Return the 95 % interval of a share after Wilson (1927), which holds for few cases and for shares of 0 and 1."""
-    found = binomtest(right, total).proportion_ci(0.95, method="wilson")
-    return float(found.low), float(found.high)
+    interval = binomtest(right, total).proportion_ci(0.95, method="wilson")
+    return float(interval.low), float(interval.high)
 
 
 def share(values: Iterable[bool]) -> str:
@@ -38,13 +38,13 @@ def share(values: Iterable[bool]) -> str:
 
 def median(values: Iterable[float], digits: int = 0) -> str:
     """Write the median of shares in percent; a dash of nothing."""
-    known = [v for v in values if math.isfinite(v)]
-    return f"{100 * np.median(known):.{digits}f} %" if known else "–"
+    finite = [v for v in values if math.isfinite(v)]
+    return f"{100 * np.median(finite):.{digits}f} %" if finite else "–"
 
 
 def tables(scored: Cases) -> str:
     """Return all tables but the list of cases, and but those of kinds that are not there; each vehicle has its own."""
-    parts = ["## Against what is asked", f"{len(scored)} cases.", numbers(scored)] if of(scored, *KINDS) else []
+    parts = ["## Against what is asked", f"{len(scored)} cases.", numbers(scored)] if cases_of(scored, *KINDS) else []
     for vehicle in vehicles(scored):
         own = [s for s in scored if s.vehicle == vehicle]
         parts += [f"## {words(vehicle).capitalize()}", "### By kind", kinds(own)]
@@ -84,11 +84,11 @@ def numbers(scored: Cases) -> str:
 
 
 def _first(cases: Cases) -> str:
-    return share(s.first == s.true[0] for s in of(cases, "effect"))
+    return share(s.first == s.true[0] for s in cases_of(cases, "effect"))
 
 
 def _errors(cases: Cases) -> str:
-    return median((e for s in of(cases, "effect") for e in s.errors.values()), 1)
+    return median((e for s in cases_of(cases, "effect") for e in s.errors.values()), 1)
 
 
 def _sizes(cases: Cases) -> str:
@@ -97,17 +97,17 @@ def _sizes(cases: Cases) -> str:
 
 
 def _wrong(cases: Cases) -> list[float]:
-    return [s.wrong for s in of(cases, "unlisted") if math.isfinite(s.wrong)]
+    return [s.wrong for s in cases_of(cases, "unlisted") if math.isfinite(s.wrong)]
 
 
 def _seconds(cases: Cases) -> str:
     """Write median and maximum of the times that were taken, and how many."""
-    known = [s.seconds for s in of(cases, *KINDS) if math.isfinite(s.seconds)]
-    return f"{np.median(known):.0f} s, {max(known):.0f} s ({len(known)})" if known else "–"
+    seconds = [s.seconds for s in cases_of(cases, *KINDS) if math.isfinite(s.seconds)]
+    return f"{np.median(seconds):.0f} s, {max(seconds):.0f} s ({len(seconds)})" if seconds else "–"
 
 
 def _nearly(cases: Cases) -> str:
-    return share(s.closed >= 0.9 for s in of(cases, "effect", "pair") if math.isfinite(s.closed))
+    return share(s.closed >= 0.9 for s in cases_of(cases, "effect", "pair") if math.isfinite(s.closed))
 
 
 _ASKED: tuple[tuple[str, dict[str, str], Callable[[Cases], str]], ...] = (
@@ -117,9 +117,9 @@ _ASKED: tuple[tuple[str, dict[str, str], Callable[[Cases], str]], ...] = (
     (
         "true effect in the 90 % set",
         {"clean": "90 %", "field": "90 %"},
-        lambda c: share(s.covered for s in of(c, "effect") if s.in_set),
+        lambda c: share(s.covered for s in cases_of(c, "effect") if s.in_set),
     ),
-    ("models in that set, median", {"clean": "2", "field": "3"}, lambda c: _sizes(of(c, "effect"))),
+    ("models in that set, median", {"clean": "2", "field": "3"}, lambda c: _sizes(cases_of(c, "effect"))),
     ("both of two effects found", {"clean": "85 %", "field": "70 %"}, lambda c: _right(c, "pair")),
     (
         "unlisted effect: no wrong name with probability 0.9",
@@ -127,7 +127,11 @@ _ASKED: tuple[tuple[str, dict[str, str], Callable[[Cases], str]], ...] = (
         lambda c: share(w < 0.9 for w in _wrong(c)),
     ),
     ("unlisted effect: `unresolved`", {}, lambda c: _right(c, "unlisted")),
-    ("gap closed, median", {"clean": "97 %", "field": "90 %"}, lambda c: median(s.closed for s in of(c, "effect"))),
+    (
+        "gap closed, median",
+        {"clean": "97 %", "field": "90 %"},
+        lambda c: median(s.closed for s in cases_of(c, "effect")),
+    ),
     (
         "time of a trace on all cores, median and longest",
         {"clean": "30 s, 90 s", "field": "30 s, 90 s"},
@@ -135,16 +139,16 @@ _ASKED: tuple[tuple[str, dict[str, str], Callable[[Cases], str]], ...] = (
     ),
     ("parameter error, median", {}, _errors),
     ("at least 90 % of the gap closed", {}, _nearly),
-    ("unlisted effect: gap closed, median", {}, lambda c: median(s.closed for s in of(c, "unlisted"))),
+    ("unlisted effect: gap closed, median", {}, lambda c: median(s.closed for s in cases_of(c, "unlisted"))),
 )
 """What is measured, what is asked of it in clean recordings and in those that a bus carried as well, and how."""
 
 
 def _right(cases: Cases, *kinds: str) -> str:
-    return share(s.right for s in of(cases, *kinds))
+    return share(s.right for s in cases_of(cases, *kinds))
 
 
-def of(scored: Cases, *kinds: str) -> list[Scored]:
+def cases_of(scored: Cases, *kinds: str) -> list[Scored]:
     """Return the cases of some kinds, at medium magnitude where there are several."""
     return [s for s in scored if s.kind in kinds and s.magnitude in ("", "medium")]
 
@@ -164,13 +168,13 @@ def kinds(scored: Cases) -> str:
 
 def by_kind(scored: Cases) -> dict[str, list[Scored]]:
     """Return the cases by kind and magnitude."""
-    found: dict[str, list[Scored]] = {}
+    groups: dict[str, list[Scored]] = {}
     for kind in KINDS:
         for magnitude in ("", *MAGNITUDES):
             cases = [s for s in scored if (s.kind, s.magnitude) == (kind, magnitude)]
             if cases:
-                found[" ".join(filter(None, (kind, magnitude)))] = cases
-    return found
+                groups[" ".join(filter(None, (kind, magnitude)))] = cases
+    return groups
 
 
 def alarms(scored: Cases) -> str:
@@ -209,19 +213,19 @@ def effects(scored: Cases) -> str:
 
 def smallest(cases: Cases) -> list[Scored]:
     """Return the cases of the smallest magnitude from which on at least half of the cases are right."""
-    found: list[Scored] = []
+    cases_there: list[Scored] = []
     for magnitude in reversed(MAGNITUDES):
         own = [s for s in cases if s.magnitude == magnitude]
         if own and np.mean([s.right for s in own]) < 0.5:
             break
-        found = own or found
-    return found
+        cases_there = own or cases_there
+    return cases_there
 
 
 def ratio(values: Sequence[float]) -> str:
     """Write the median size over the predicted limit."""
-    known = [v for v in values if math.isfinite(v)]
-    return f"{float(f'{np.median(known):.2g}'):g} ×" if known else "–"
+    finite = [v for v in values if math.isfinite(v)]
+    return f"{float(f'{np.median(finite):.2g}'):g} ×" if finite else "–"
 
 
 def confusion(scored: Cases) -> str:
@@ -256,9 +260,9 @@ def case_table(scored: Cases) -> str:
     return "\n## Cases\n\n" + "\n".join(lines) + "\n"
 
 
-def header(names: Sequence[str], left: int) -> list[str]:
+def header(names: Sequence[str], text_columns: int) -> list[str]:
     """Return the head of a table of which the first columns stand left."""
-    return [line(names), "|" + "|".join("---" if i < left else "--:" for i in range(len(names))) + "|"]
+    return [line(names), "|" + "|".join("---" if i < text_columns else "--:" for i in range(len(names))) + "|"]
 
 
 def line(cells: Sequence[str]) -> str:

@@ -23,17 +23,17 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--jobs", default="", help="names, comma-separated; all if absent")
     parser.add_argument("--short", action="store_true")
     given = parser.parse_args(arguments)
-    found, plan = jobs(given.out.resolve()), SHORT if given.short else PLAN
+    all_jobs, plan = jobs(given.out.resolve()), SHORT if given.short else PLAN
     chosen = [name for name in plan if not given.jobs or name in given.jobs.split(",")]
     survived = struck = 0
     with (given.out / "faults.jsonl").open("w", encoding="utf-8") as record:
         for name in chosen:
-            reference = _reference(found[name])
+            reference = _reference(all_jobs[name])
             number = Counter[str]()
             for fault, count in plan[name].items():
                 for _ in range(count):
                     number[fault.__name__] += 1
-                    what = _struck(found[name], reference, fault, f"{given.seed} {name} {number}")
+                    what = _struck(all_jobs[name], reference, fault, f"{given.seed} {name} {number}")
                     struck, survived = struck + 1, survived + what["same_bits"]
                     record.write(json.dumps(what) + "\n")
                     record.flush()

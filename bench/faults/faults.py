@@ -1,4 +1,4 @@
-"""What happens to a job: each function strikes once and returns what it did; the job is then run again to its end."""
+"""Faults that strike a job: each function does so once and returns what it did; the job then runs again to its end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the faults strike: a study, a campaign, a trace, an identification and a tuning, each small."""
+"""Jobs that the faults strike: a study, a campaign, a trace, an identification and a tuning, each small."""
 
 from __future__ import annotations
 
@@ -102,12 +102,12 @@ class Job:
 
     def bits(self) -> dict[str, bytes | object]:
         """Return every file that it has written; metadata as what they say, and without the record of the run."""
-        found: dict[str, bytes | object] = {}
+        contents: dict[str, bytes | object] = {}
         for path in sorted(p for p in self.out.rglob("*") if p.is_file()):
             name = path.relative_to(self.out).as_posix()
             if name not in ("run.json", "run.lock"):
-                found[name] = json.loads(path.read_bytes()) if path.name == "zarr.json" else path.read_bytes()
-        return found
+                contents[name] = json.loads(path.read_bytes()) if path.name == "zarr.json" else path.read_bytes()
+        return contents
 
 
 def jobs(folder: Path) -> dict[str, Job]:
@@ -130,9 +130,9 @@ def jobs(folder: Path) -> dict[str, Job]:
         "tune": ("tune", str(folder / "faults.toml"), "--drives", str(folder / "training.toml"), "--budget", "48",
                  "--out"),
     }  # fmt: skip
-    found = {}
+    by_name = {}
     for name, arguments in commands.items():
         out = folder / f"out-{name}"
         where = out / "tuned.toml" if name == "tune" else out
-        found[name] = Job(name, (*arguments, str(where)), out)
-    return found
+        by_name[name] = Job(name, (*arguments, str(where)), out)
+    return by_name

@@ -1,1 +1,1 @@
-"""How near the kernels are to what this machine's arithmetic allows (``python -m bench.floor``)."""
+"""Time of the kernels against the least that this machine's arithmetic allows (``python -m bench.floor``)."""

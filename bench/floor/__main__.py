@@ -42,18 +42,18 @@ def operations() -> dict[str, dict[str, float]]:
     simulator = evaluator.compiled.simulator
     short, long = 4, 9
     batches = {n: evaluator.simulate(unit, cases, n) for n in (short, long)}
-    believed, found = evaluator.parameters(unit, cases, "belief"), {}
+    believed, counted_operations = evaluator.parameters(unit, cases, "belief"), {}
     simulator.loop, draw = counted(simulator.loop), standard_normal._compiled
     standard_normal._compiled = lambda: SimpleNamespace(fill=_counted_draw)  # type: ignore[assignment]
-    found["simulation with noise"] = _per_step(lambda n: evaluator.simulate(unit, cases, n), short, long)
+    counted_operations["simulation with noise"] = _per_step(lambda n: evaluator.simulate(unit, cases, n), short, long)
     standard_normal._compiled = draw
     for i, estimator in enumerate(evaluator.compiled.estimators):
-        if estimator.kind not in found:
+        if estimator.kind not in counted_operations:
             estimator._kernels = SimpleNamespace(estimate=counted(estimator.loop))
-            found[estimator.kind] = _per_step(
+            counted_operations[estimator.kind] = _per_step(
                 lambda n, i=i: evaluator.estimate(i, unit, cases, batches[n], believed), short, long
             )
-    return found
+    return counted_operations
 
 
 def busy(kinds: dict[str, float], each: dict[str, float]) -> dict[str, float]:
@@ -61,10 +61,10 @@ def busy(kinds: dict[str, float], each: dict[str, float]) -> dict[str, float]:
     return {unit: sum(kinds.get(k, 0.0) * each[k] for k in own) / LANES for unit, own in UNITS.items()}
 
 
-def _counted_draw(words: Any, widths: Any, inside: Any, heights: Any, found: Any) -> None:
+def _counted_draw(words: Any, widths: Any, inside: Any, heights: Any, drawn: Any) -> None:
     """Stand for the kernel that draws the noise of a simulation, in a language of its own and not on lanes."""
-    counts[EXACT_NORMAL] += found.size // LANES
-    found[:] = 0.0
+    counts[EXACT_NORMAL] += drawn.size // LANES
+    drawn[:] = 0.0
 
 
 def _per_step(run, short: int, long: int) -> dict[str, float]:

@@ -167,7 +167,7 @@ def counted(function: Any) -> Callable[..., Any]:
     return _python(function, {})
 
 
-def _python(value: Any, known: dict[int, Any]) -> Any:
+def _python(value: Any, translated: dict[int, Any]) -> Any:
     """Return what stands for a global of a kernel."""
     for intrinsic, stand_in in _INTRINSICS.items():
         if value is intrinsic:
@@ -178,14 +178,14 @@ def _python(value: Any, known: dict[int, Any]) -> Any:
         function = value.py_func
     else:
         return value
-    if id(function) not in known:
-        known[id(function)] = made = types.FunctionType(
+    if id(function) not in translated:
+        translated[id(function)] = made = types.FunctionType(
             function.__code__, {}, function.__name__, function.__defaults__, function.__closure__
         )
         made.__globals__.update(
-            {k: _python(v, known) for k, v in function.__globals__.items() if k in _names(function.__code__)}
+            {k: _python(v, translated) for k, v in function.__globals__.items() if k in _names(function.__code__)}
         )
-    return known[id(function)]
+    return translated[id(function)]
 
 
 def _names(code: types.CodeType) -> set[str]:

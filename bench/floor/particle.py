@@ -1,4 +1,4 @@
-"""Where the time of a particle filter goes: its parts alone, over many particles of the mass study's belief."""
+"""Time of the parts of a particle filter alone, over many particles of the mass study's belief."""
 
 from __future__ import annotations
 

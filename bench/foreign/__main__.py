@@ -1,4 +1,4 @@
-"""Does ``harness trace`` name the right thing on a plant of other hands? Twelve cases, written, traced and scored.
+"""Attribution of ``harness trace`` on a plant of other hands: twelve cases, written, traced and scored.
 
 ``python -m bench.foreign --cases a h`` runs some cases, without ``--cases`` all (hours). What was written or traced
 already is kept; ``--traced`` only scores. The folder holds every case and ``foreign.md``, the table of all that were

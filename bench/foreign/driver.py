@@ -1,4 +1,4 @@
-"""What a drive is put to: random manoeuvres one after another, a speed that changes meanwhile, wind, and the road.
+"""Inputs of a drive: random manoeuvres one after another, a speed that changes meanwhile, wind, and the road.
 
 A manoeuvre asks for a lateral acceleration; the steering-wheel angle is that of the published truck in a steady bend.
 Everything is laid out at half steps, which Runge-Kutta reads.

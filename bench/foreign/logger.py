@@ -131,13 +131,13 @@ def record(
     t = np.arange((len(outputs) - 1) // SAMPLES + 1, dtype=float) * PERIOD
     fine = np.arange(len(outputs)) * step
     true = {"steering_wheel_angle": steering_wheel_angle, **dict(zip(OUTPUTS, outputs.T, strict=True))}
-    found = {TIME: t}
+    columns = {TIME: t}
     for name, channel in logger.channels.items():
         late = channel.factor * np.interp(t - logger.delays[channel.signal], fine, true[channel.signal])
-        found[name] = _read(rng, channel.signal, late, t, logger)
+        columns[name] = _read(rng, channel.signal, late, t, logger)
     for name, channel in logger.channels.items():
-        _spoil(rng, found[name], channel)
-    return found
+        _spoil(rng, columns[name], channel)
+    return columns
 
 
 def _read(rng: np.random.Generator, signal: str, true: Floats, t: Floats, logger: Logger) -> Floats:

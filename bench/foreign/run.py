@@ -45,8 +45,8 @@ def run_case(name: str, folder: Path, threads: int | None = None) -> str:
     try:
         run_trace(task_of(folder, threads), folder / TRACE.parent, Console(quiet=True))
     except Exception as error:  # one broken case must not end the run of all
-        known = isinstance(error, UserError | ModelError)
-        write_files(folder, {FAILED: str(error) if known else traceback.format_exc()})
+        is_refusal = isinstance(error, UserError | ModelError)
+        write_files(folder, {FAILED: str(error) if is_refusal else traceback.format_exc()})
         return str(error)
     (folder / FAILED).unlink(missing_ok=True)
     return ""

@@ -1,4 +1,4 @@
-"""What a trace says against what is true: one case, scored, and the table of all."""
+"""Score of the trace of one case against the truth, and the table of all."""
 
 from __future__ import annotations
 
@@ -120,13 +120,13 @@ def _surest_wrong(true: Mapping[str, Any], posterior: Mapping[str, Any]) -> floa
 
     Models with it at several places are counted more than once, so that it is at most that of any of the models.
     """
-    found: dict[str, float] = {}
+    probabilities: dict[str, float] = {}
     most = 1.0 - posterior["none_of_these"]
     for h in posterior["hypotheses"]:
         if h["kind"] == "effect" and h["name"] not in true["faults"]:
             name = split(h["name"])[0]
-            found[name] = min(most, found.get(name, 0.0) + h["probability"])
-    return max(found.values(), default=0.0)
+            probabilities[name] = min(most, probabilities.get(name, 0.0) + h["probability"])
+    return max(probabilities.values(), default=0.0)
 
 
 def _probability(true: Mapping[str, Any], posterior: Mapping[str, Any] | None) -> float:
@@ -144,22 +144,22 @@ def _says(true: Mapping[str, Any], model: Sequence[Sequence[Mapping[str, str]]])
     names = {h["name"] for alike in model for h in alike}
     if true["kind"] in ("effect", "sensor"):
         return names >= set(true["effects"])
-    known = {*true["faults"], *true["values"], *([ALL_PARAMETERS] if true["values"] else [])}
-    claimed = any(all(h["name"] not in known for h in alike) for alike in model)
+    true_names = {*true["faults"], *true["values"], *([ALL_PARAMETERS] if true["values"] else [])}
+    claimed = any(all(h["name"] not in true_names for h in alike) for alike in model)
     return not claimed and (ALL_PARAMETERS in names or names >= true["values"].keys())
 
 
 def _wrong_values(parameters: Sequence[Mapping[str, Any]], stated: Mapping[str, float]) -> tuple[str, ...]:
     """Return the stated values that are named as wrong; of all parameters at once those that moved beyond doubt."""
-    found: list[str] = []
+    names: list[str] = []
     for each in parameters:
         every = each["effect"] != ALL_PARAMETERS
-        found += [
+        names += [
             name
             for name, v in each["parameters"].items()
             if every or abs(v["value"] - stated[name]) > STANDARD_ERRORS * v["std"]
         ]
-    return tuple(found)
+    return tuple(names)
 
 
 def _delay_error(true: Mapping[str, float], added: Sequence[Mapping[str, Any]]) -> float:
@@ -173,14 +173,14 @@ def _delay_error(true: Mapping[str, float], added: Sequence[Mapping[str, Any]]) 
         true: Delays of the channels in s.
         added: Effects that a trace added.
     """
-    found = dict.fromkeys((signal for signal in true if signal != "speed"), 0.0)
+    delays = dict.fromkeys((signal for signal in true if signal != "speed"), 0.0)
     for a in added:
         value = next((p["value"] for p in a["parameters"].values()), 0.0)
         if a["effect"] in _OF_INPUTS:
-            found[_OF_INPUTS[a["effect"]]] = -value
+            delays[_OF_INPUTS[a["effect"]]] = -value
         elif a["effect"] == "sensor_delay":
-            found[a["place"]] = value
-    errors = [found[signal] - true[signal] for signal in found]
+            delays[a["place"]] = value
+    errors = [delays[signal] - true[signal] for signal in delays]
     return 1e3 * (max(errors) - min(errors))
 
 

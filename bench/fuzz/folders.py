@@ -42,14 +42,14 @@ def recipes(folder: Path) -> st.SearchStrategy[bytes]:
     places = st.sampled_from([*whole, "run.lock", "report.html", "report.html.part", "errors.txt", "scores.zarr.new"])
     metadata = [name for name in whole if name.endswith(".json")]
     tables = [(name, json.loads((folder / name).read_bytes())) for name in metadata]
-    one = st.one_of(
+    step = st.one_of(
         st.tuples(places, st.just("link"), st.sampled_from(ELSEWHERE)),
         st.tuples(places, st.just("pipe"), st.none()),
         st.tuples(st.sampled_from(metadata), st.just("older"), st.sampled_from(list(_OLDER))),
         st.sampled_from(tables).flatmap(lambda t: st.tuples(st.just(t[0]), st.just("says"), changed(t[1]))),
         st.tuples(st.sampled_from(metadata), st.just("says"), values),
     )
-    return st.lists(one, min_size=1, max_size=2).map(lambda recipe: json.dumps(recipe).encode())
+    return st.lists(step, min_size=1, max_size=2).map(lambda recipe: json.dumps(recipe).encode())
 
 
 def prepare(path: Path) -> None:
@@ -57,8 +57,8 @@ def prepare(path: Path) -> None:
     folder = path.parent / "prepared"
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(path.parent / "good" / "result", folder)
-    for name, what, of in json.loads(path.read_bytes()):
-        _put(folder / name, what, of)
+    for name, what, target in json.loads(path.read_bytes()):
+        _put(folder / name, what, target)
 
 
 def look(path: Path) -> None:
@@ -82,21 +82,21 @@ def look(path: Path) -> None:
         raise refused[0]
 
 
-def _put(file: Path, what: str, of: Any) -> None:
+def _put(file: Path, what: str, target: Any) -> None:
     if not file.parent.is_dir() or file.parent.is_symlink():
         return  # a recipe that has replaced it before
     if what == "older":
-        file.with_name(of).write_text(json.dumps(_OLDER[of]), encoding="utf-8")
+        file.with_name(target).write_text(json.dumps(_OLDER[target]), encoding="utf-8")
     if file.is_dir() and not file.is_symlink():
         shutil.rmtree(file)
     else:
         file.unlink(missing_ok=True)
     if what == "link":
-        file.symlink_to(of)
+        file.symlink_to(target)
     elif what == "pipe":
         os.mkfifo(file)
     elif what == "says":
-        file.write_text(json.dumps(of), encoding="utf-8")
+        file.write_text(json.dumps(target), encoding="utf-8")
 
 
 def _none() -> Any:

@@ -69,7 +69,7 @@ def kinds(folder: Path) -> dict[str, Kind]:
         return Kind(share, name, text, spoilt, read)
 
     def files(share: float, name: str, read: Callable[[Path], object], *further: st.SearchStrategy[bytes]) -> Kind:
-        same = [content for known, content in good.items() if known.endswith(Path(name).suffix)]
+        same = [content for good_name, content in good.items() if good_name.endswith(Path(name).suffix)]
         return Kind(share, name, good[name], st.one_of(*map(damaged, same), *further), read)
 
     table = _tables(made)

@@ -1,4 +1,4 @@
-"""What is watched while one input is read: time, memory, files, code run from data, and what is raised.
+"""Watch over the reading of one input: time, memory, files, code run from data, and errors.
 
 An outcome is a result, or a ``UserError`` or ``ModelError``, which a command answers with one line and status 2
 (``harness.cli.guard``). Everything else is a finding.
@@ -97,7 +97,7 @@ class Watch:
         signal.setitimer(signal.ITIMER_PROF, SECONDS)
         waiting = signal.signal(signal.SIGALRM, _hang)
         signal.setitimer(signal.ITIMER_REAL, WAITING)
-        found = ""
+        finding = ""
         self._active = True
         try:
             with warnings.catch_warnings():
@@ -107,20 +107,20 @@ class Watch:
         except (UserError, ModelError) as error:
             self.refused += 1
             if not str(error).strip():
-                found = "an error without words"
+                finding = "an error without words"
         except Hang as error:
-            found = f"hangs: {_place(error)}"
+            finding = f"hangs: {_place(error)}"
         except MemoryError as error:
-            found = f"MemoryError: {_place(error)}"
+            finding = f"MemoryError: {_place(error)}"
         except Exception as error:
-            found = f"{type(error).__name__}: {_place(error)}: {error}"[:400]
+            finding = f"{type(error).__name__}: {_place(error)}: {error}"[:400]
         finally:
             self._active = False
             signal.setitimer(signal.ITIMER_PROF, 0.0)
             signal.signal(signal.SIGPROF, before)
             signal.setitimer(signal.ITIMER_REAL, 0.0)
             signal.signal(signal.SIGALRM, waiting)
-        for sentence in [*([found] if found else []), *self._seen]:
+        for sentence in [*([finding] if finding else []), *self._seen]:
             self._note(kind, sentence, content)
         most = _peak()
         if most > max(MEMORY, self._most):

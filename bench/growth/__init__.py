@@ -1,1 +1,1 @@
-"""How time and memory grow with runs, drive length, states, particles and workers: ``python -m bench.growth``."""
+"""Growth of time and memory with runs, drive length, states, particles and workers: ``python -m bench.growth``."""

@@ -34,24 +34,24 @@ def exponent(sizes: list[int], values: list[float]) -> float:
 def measured(curve: str, size: int) -> tuple[float, float]:
     """Return one point: the smaller time and memory of two processes, because the first may have to compile."""
     command = [sys.executable, "-m", "bench.growth", "--point", curve, str(size)]
-    found = []
+    points = []
     for _ in range(2):
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
             raise SystemExit(f"{curve}, {size}: {done.stderr[-2000:]}")
-        found.append(json.loads(done.stdout.splitlines()[-1]))
-    return min(seconds for seconds, _ in found), min(memory for _, memory in found)
+        points.append(json.loads(done.stdout.splitlines()[-1]))
+    return min(seconds for seconds, _ in points), min(memory for _, memory in points)
 
 
-def draw(found: dict[str, dict[str, list[float]]], path: Path) -> None:
+def draw(curves: dict[str, dict[str, list[float]]], path: Path) -> None:
     """Write the figure: time above, memory below, with the fitted exponents."""
     import matplotlib
 
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 
-    figure, rows = plt.subplots(2, len(found), figsize=(3.2 * len(found), 6), squeeze=False, layout="constrained")
-    for column, (curve, points) in enumerate(found.items()):
+    figure, rows = plt.subplots(2, len(curves), figsize=(3.2 * len(curves), 6), squeeze=False, layout="constrained")
+    for column, (curve, points) in enumerate(curves.items()):
         sizes = [int(n) for n in points]
         for row, (what, unit) in enumerate((("time", CURVES[curve][0]), ("memory", "MiB"))):
             values, axes = [p[row] for p in points.values()], rows[row, column]
@@ -82,19 +82,19 @@ def main() -> None:
         return
     given.out.mkdir(parents=True, exist_ok=True)
     kept, console = given.out / "growth.json", Console()
-    found = json.loads(kept.read_text(encoding="utf-8")) if kept.exists() else {}
+    curves = json.loads(kept.read_text(encoding="utf-8")) if kept.exists() else {}
     for curve, (_, _, sizes) in CURVES.items():
         largest = min(given.largest, os.cpu_count() or 1) if curve == "workers" else given.largest
-        points = found.setdefault(curve, {})
+        points = curves.setdefault(curve, {})
         for size in (n for n in sizes if n <= largest and str(n) not in points):
             with console.status(f"measuring: {curve}, {size:,}"):
                 points[str(size)] = measured(curve, size)
-            kept.write_text(json.dumps(found, indent=1), encoding="utf-8")
-    found = {curve: points for curve, points in found.items() if points}
+            kept.write_text(json.dumps(curves, indent=1), encoding="utf-8")
+    curves = {curve: points for curve, points in curves.items() if points}
     table = Table(box=box.MARKDOWN, title=f"{processor()}")
     for name in ("what grows", "sizes", "time", "", "exponent", "memory, MiB", "exponent"):
         table.add_column(name)
-    for curve, points in found.items():
+    for curve, points in curves.items():
         done = [int(n) for n in points]
         times, memory = ([p[k] for p in points.values()] for k in (0, 1))
         fitted = [f"{exponent(done, values):.2f}" if len(done) > 1 else "" for values in (times, memory)]
@@ -103,7 +103,7 @@ def main() -> None:
             fitted[0], ", ".join(f"{m:.0f}" for m in memory), fitted[1],
         )  # fmt: skip
     Console(width=200).print(table)
-    draw(found, given.out / "growth.svg")
+    draw(curves, given.out / "growth.svg")
 
 
 if __name__ == "__main__":

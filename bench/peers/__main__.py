@@ -66,12 +66,12 @@ def filters(kind: str, batch: int) -> Iterator[Line]:
     """Measure an EKF or UKF in every library that takes batches, and one run at a time in those that do not."""
     given = problem(kind, SAMPLES[batch], batch)
     exact = reference.extended(kind, given)
-    work, found = {OURS: filtering(given)}, {OURS: means(given)}
+    work, first_means = {OURS: filtering(given)}, {OURS: means(given)}
     for name, make in {"dynamax": jax_filters.dynamax, "cuthbert": jax_filters.cuthbert}.items():
         if (kind, name) != ("ukf", "cuthbert"):  # it has no sigma points for nonlinear dynamics
             work[name], first = jax_filters.filtering(make(kind, given), given)
-            found[name] = first()
-    yield from _lines(kind.upper(), given, work, {name: reference.error(m, exact) for name, m in found.items()})
+            first_means[name] = first()
+    yield from _lines(kind.upper(), given, work, {name: reference.error(m, exact) for name, m in first_means.items()})
 
 
 def single() -> Iterator[Line]:
@@ -105,11 +105,11 @@ def simulations() -> Iterator[Line]:
 def particle_filters() -> Iterator[Line]:
     """Measure a particle filter of many particles; times are per particle."""
     given = problem("particle", SHORT, 8, {"particles": PARTICLES, "roughening": 0.0})
-    one = problem("particle", SHORT, 1, {"particles": PARTICLES, "roughening": 0.0})
-    best = quickest({OURS: filtering(given), "particles": particle_library.bootstrap(one, PARTICLES)}, ROUNDS)
-    ours, theirs = (1e6 * best[n] / p.steps / p.batch / PARTICLES for n, p in ((OURS, given), ("particles", one)))
+    single = problem("particle", SHORT, 1, {"particles": PARTICLES, "roughening": 0.0})
+    best = quickest({OURS: filtering(given), "particles": particle_library.bootstrap(single, PARTICLES)}, ROUNDS)
+    ours, theirs = (1e6 * best[n] / p.steps / p.batch / PARTICLES for n, p in ((OURS, given), ("particles", single)))
     yield Line("one particle of 1000", OURS, given.batch, ours, 1.0)
-    yield Line("one particle of 1000", "particles", one.batch, theirs, theirs / ours)
+    yield Line("one particle of 1000", "particles", single.batch, theirs, theirs / ours)
 
 
 def small() -> Iterator[Line]:

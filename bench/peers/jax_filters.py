@@ -57,8 +57,8 @@ def cuthbert(kind: str, given: Problem) -> Filter:
     built = moments.build_filter(
         jnp.asarray(given.mean),
         jnp.diag(jnp.sqrt(given.variance)),
-        lambda state, told: ((lambda x: (ahead(x, told["before"]), noise)), state.mean),
-        lambda state, told: ((lambda x: (output(x, told["now"]), error)), state.mean, told["y"]),
+        lambda state, sample: ((lambda x: (ahead(x, sample["before"]), noise)), state.mean),
+        lambda state, sample: ((lambda x: (output(x, sample["now"]), error)), state.mean, sample["y"]),
     )
     before, now = jnp.asarray(given.inputs[:-1]), jnp.asarray(given.inputs[1:])
 

@@ -27,27 +27,27 @@ from harness.common.arguments import Parser
 RECALL, FALSE_ALARMS = 0.95, 0.02
 
 
-def table(found: Sequence[Scored]) -> str:
+def table(scores: Sequence[Scored]) -> str:
     """Return the table of docs/check.md: a row per kind."""
     rows = ["| planted | checks | named | mended map passes | a further finding |", "|---|--:|--:|--:|--:|"]
-    kinds = sorted({s.kind for s in found} - {CLEAN})
+    kinds = sorted({s.kind for s in scores} - {CLEAN})
     for kind in kinds:
-        of = [s for s in found if s.kind == kind]
-        counts = [len(of), *(sum(getattr(s, what) > 0 for s in of) for what in ("named", "passes", "further"))]
+        own = [s for s in scores if s.kind == kind]
+        counts = [len(own), *(sum(getattr(s, what) > 0 for s in own) for what in ("named", "passes", "further"))]
         rows.append(f"| {kind} | {' | '.join(map(str, counts))} |")
     return "\n".join(rows)
 
 
-def summary(found: Sequence[Scored], measured: bool) -> tuple[str, float, float]:
+def summary(scores: Sequence[Scored], measured: bool) -> tuple[str, float, float]:
     """Return a sentence on the simulated or the measured drives, the recall and the share of false alarms."""
-    of = [s for s in found if s.measured == measured]
-    faults, clean = [s for s in of if s.kind != CLEAN], [s for s in of if s.kind == CLEAN]
-    if not of:
+    own = [s for s in scores if s.measured == measured]
+    faults, clean = [s for s in own if s.kind != CLEAN], [s for s in own if s.kind == CLEAN]
+    if not own:
         return "", 1.0, 0.0
     recall = sum(s.named for s in faults) / max(len(faults), 1)
     alarms = sum(not s.named for s in clean) / max(len(clean), 1)
     mended, further = (sum(getattr(s, what) > 0 for s in faults) for what in ("passes", "further"))
-    seconds = float(np.nanmedian([s.seconds for s in of]))
+    seconds = float(np.nanmedian([s.seconds for s in own]))
     words = (
         f"{'measured' if measured else 'simulated'} drives: {sum(s.named for s in faults)} of {len(faults)} faults "
         f"named ({recall:.1%}), mended map passes in {mended}, a further finding in {further}; "
@@ -77,15 +77,15 @@ def main(arguments: list[str] | None = None) -> int:
     written = f"{table_of_foreign(scores)}\n\n{coverage(scores)}\n" if scores else ""
     console.print(written, markup=False)
     (given.out / "foreign.md").write_text(written, encoding="utf-8")
-    found: list[Scored] = []
+    scored: list[Scored] = []
     batches = run(range(first, last), given.jobs, given.out / "checks.jsonl", not given.no_measured)
     for each in track(batches, "drives", total=None, console=progress):
-        found += each
-    (given.out / "table.md").write_text(table(found) + "\n", encoding="utf-8")
-    console.print(table(found), markup=False)
+        scored += each
+    (given.out / "table.md").write_text(table(scored) + "\n", encoding="utf-8")
+    console.print(table(scored), markup=False)
     enough = True
     for measured in (False, True):
-        words, recall, alarms = summary(found, measured)
+        words, recall, alarms = summary(scored, measured)
         console.print(words, markup=False)
         enough &= measured or (recall >= RECALL and alarms <= FALSE_ALARMS)
     return 0 if enough else 1

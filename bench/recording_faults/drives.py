@@ -113,8 +113,8 @@ def _logged(
 
     def sampled(column: str, values: Floats, at: Floats, size: float, step: float = 0.0) -> Floats:
         noise[column] = size
-        found = np.interp(at, time, values) + size * rng.normal(size=len(at))
-        return np.round(found / step) * step if step else found
+        result = np.interp(at, time, values) + size * rng.normal(size=len(at))
+        return np.round(result / step) * step if step else result
 
     rate = float(rng.choice([10.0, 20.0, 50.0, 100.0]))
     gnss = np.arange(0.05, time[-1] - 0.1, 1 / rate)
@@ -165,12 +165,12 @@ def _logged(
 
 def measured() -> list[Callable[[], Drive]]:
     """Return the measured drives that are there, to be read when they are needed."""
-    found: list[Callable[[], Drive]] = []
+    result: list[Callable[[], Drive]] = []
     for folder, pattern in (("genesis_g80", "*.mat"), ("revs_250lm", ""), ("dart_scaled_car", "9*.csv.gz")):
         place = MEASURED / folder
         files = (sorted(place.glob(pattern)) if pattern else [place]) if place.is_dir() else []
-        found += [lambda file=file, folder=folder: _measured(file, folder) for file in files]  # type: ignore[misc]
-    return found
+        result += [lambda file=file, folder=folder: _measured(file, folder) for file in files]  # type: ignore[misc]
+    return result
 
 
 def _measured(file: Path, folder: str) -> Drive:

@@ -49,22 +49,22 @@ def score(task: tuple[int, str]) -> ForeignScore:
     drive = draw(seed, planted)
     words = "; ".join([drive.words, *(f"{f.kind} of {', '.join(f.signals)} {f.size:.4g}" for f in drive.faults)])
     try:
-        found = list(check_tables(drive.tables, f"foreign {seed}", drive.mapping).findings)
+        result = list(check_tables(drive.tables, f"foreign {seed}", drive.mapping).findings)
     except Exception as error:
         said = f"ended without an answer: {type(error).__name__}: {error}"
         return ForeignScore(seed, planted, drive.style, words, (WRONG,) * len(drive.faults), (said,), (), (said,))
     outcomes, away = [], []
     explained: list[Finding] = []
     for fault in drive.faults:
-        by = [f for f in found if _names(fault, f)]
-        by_rival = [f for f in found if f.kind == fault.kind and set(fault.signals) in map(set, f.rivals)]
-        about = [f for f in found if set(f.signals) & set(fault.signals) and f not in explained]
+        by = [f for f in result if _names(fault, f)]
+        by_rival = [f for f in result if f.kind == fault.kind and set(fault.signals) in map(set, f.rivals)]
+        about = [f for f in result if set(f.signals) & set(fault.signals) and f not in explained]
         wrong = about and not _others(about, drive.faults, fault)
         outcomes.append(NAMED if by else RIVAL if by_rival else WRONG if wrong else SILENT)
         explained += by[:1] or by_rival[:1]
         away += [abs(f.value - fault.size) / f.std for f in by[:1] if np.isfinite(f.std)]
-    false = tuple(str(f) for f in found if f not in explained)
-    said = tuple(map(str, found))
+    false = tuple(str(f) for f in result if f not in explained)
+    said = tuple(map(str, result))
     return ForeignScore(seed, planted, drive.style, words, tuple(outcomes), false, tuple(away), said)
 
 
@@ -95,15 +95,15 @@ def run(seeds: Sequence[int], jobs: int, path: Path) -> Iterator[ForeignScore]:
 
 def _kept(path: Path) -> list[ForeignScore]:
     """Return the checks that a file holds; a line that an interruption cut off is none."""
-    found = []
+    result = []
     for line in path.read_text(encoding="utf-8").splitlines() if path.is_file() else []:
         try:
-            found.append(
+            result.append(
                 ForeignScore(**{k: tuple(v) if isinstance(v, list) else v for k, v in json.loads(line).items()})
             )
         except json.JSONDecodeError:
             continue
-    return found
+    return result
 
 
 def table(scores: Sequence[ForeignScore]) -> str:
@@ -114,19 +114,19 @@ def table(scores: Sequence[ForeignScore]) -> str:
     ]
     for style in STYLES:
         for planted in PLANTED:
-            of = [s for s in scores if s.style == style and s.planted == planted]
-            named = sum(bool(s.outcomes) and set(s.outcomes) == {NAMED} for s in of)
-            either = sum(bool(s.outcomes) and set(s.outcomes) <= {NAMED, RIVAL} for s in of)
-            silent = sum(SILENT in s.outcomes and WRONG not in s.outcomes for s in of)
+            own = [s for s in scores if s.style == style and s.planted == planted]
+            named = sum(bool(s.outcomes) and set(s.outcomes) == {NAMED} for s in own)
+            either = sum(bool(s.outcomes) and set(s.outcomes) <= {NAMED, RIVAL} for s in own)
+            silent = sum(SILENT in s.outcomes and WRONG not in s.outcomes for s in own)
             counts = [
-                len(of),
+                len(own),
                 named,
                 either,
                 silent,
-                sum(WRONG in s.outcomes for s in of),
-                sum(bool(s.false) for s in of),
+                sum(WRONG in s.outcomes for s in own),
+                sum(bool(s.false) for s in own),
             ]
-            cells = [str(n) for n in counts] if planted != "nothing" else [str(len(of)), *[""] * 4, str(counts[-1])]
+            cells = [str(n) for n in counts] if planted != "nothing" else [str(len(own)), *[""] * 4, str(counts[-1])]
             rows.append(f"| {style} | {planted} | {' | '.join(cells)} |")
     return "\n".join(rows)
 

@@ -36,9 +36,9 @@ class Planted:
 
     def into(self, drive: Drive) -> Drive:
         """Return the drive with the fault."""
-        found = drive.copy()
-        self.plant(found, self.size)
-        return found
+        faults = drive.copy()
+        self.plant(faults, self.size)
+        return faults
 
 
 def _multiplied(*signals: str) -> Plant:
@@ -114,9 +114,9 @@ def _compass_in_degrees(drive: Drive, _: float) -> None:
     drive.mapping["heading"]["unit"] = "deg"
 
 
-def _exchanged(one: str, other: str, units: bool) -> Plant:
+def _exchanged(first: str, second: str, units: bool) -> Plant:
     def plant(drive: Drive, _: float) -> None:
-        a, b = drive.mapping[one], drive.mapping[other]
+        a, b = drive.mapping[first], drive.mapping[second]
         for key in ("channel", "unit") if units else ("channel",):
             a[key], b[key] = b[key], a[key]
 
@@ -146,7 +146,7 @@ def planted(drive: Drive, rng: np.random.Generator) -> list[Planted]:
     radians = float(np.radians(1.0))
     misread = 1 + float(rng.choice([-1, 1]) * rng.uniform(0.25, 0.4))
     misstated = float(rng.choice([radians, 1 / radians]))
-    found = [
+    faults = [
         Planted("yaw rate: 57.3", (rate,), 1 / radians, ("unit",), _multiplied(rate)),
         Planted("yaw rate: 1/57.3", (rate,), radians, ("unit",), _multiplied(rate)),
         Planted("yaw rate: 1/57.3²", (rate,), radians**2, ("unit",), _multiplied(rate)),
@@ -156,9 +156,9 @@ def planted(drive: Drive, rng: np.random.Generator) -> list[Planted]:
     ]
     if speed is not None and (placed or len(twins) < 2):
         factor = float(rng.choice([3.6, 1 / 3.6]))
-        found.append(Planted("speed: 3.6, 1/3.6", twins, factor, ("unit",), _multiplied(speed)))
+        faults.append(Planted("speed: 3.6, 1/3.6", twins, factor, ("unit",), _multiplied(speed)))
     if lateral is not None:
-        found += [
+        faults += [
             Planted("acceleration: 9.81, 1/9.81", (lateral,), float(rng.choice([9.80665, 1 / 9.80665])), ("unit",),
                     _multiplied(lateral)),
             Planted("acceleration: 1000, 1/1000", (lateral,), float(rng.choice([1e3, 1e-3])), ("unit",),
@@ -170,15 +170,15 @@ def planted(drive: Drive, rng: np.random.Generator) -> list[Planted]:
                     _exchanged(rate, lateral, False)),
         ]  # fmt: skip
     if "longitudinal_acceleration" in there and lateral is not None:
-        found.append(
+        faults.append(
             Planted("exchanged: accelerations", ("longitudinal_acceleration", lateral), 1.0, ("exchanged",),
                     _exchanged("longitudinal_acceleration", lateral, True))
         )  # fmt: skip
     if steering is not None:
-        found.append(Planted("steering: reversed", (steering,), -1.0, ("sign",), _multiplied(steering)))
-        found.append(Planted("steering: 57.3, 1/57.3", (steering,), misstated, ("unit",),
+        faults.append(Planted("steering: reversed", (steering,), -1.0, ("sign",), _multiplied(steering)))
+        faults.append(Planted("steering: 57.3, 1/57.3", (steering,), misstated, ("unit",),
                              _multiplied(steering)))  # fmt: skip
-    return found + _of_navigation(drive, there, (rate, speed), twins, rng)
+    return faults + _of_navigation(drive, there, (rate, speed), twins, rng)
 
 
 def _of_navigation(
@@ -188,27 +188,27 @@ def _of_navigation(
     rate, speed = names
     either = float(rng.choice([-1, 1]))
     bias = either * float(np.radians(rng.uniform(0.5, 2.0)))
-    found = []
+    faults = []
     if "latitude" in there:
         pair = ("latitude", "longitude")
-        found.append(Planted("exchanged: position axes", pair, 1.0, ("exchanged", "sign"), _exchanged(*pair, True)))
-        found.append(Planted("positions: mirrored", pair, -1.0, ("sign", "exchanged"), _multiplied("longitude")))
+        faults.append(Planted("exchanged: position axes", pair, 1.0, ("exchanged", "sign"), _exchanged(*pair, True)))
+        faults.append(Planted("positions: mirrored", pair, -1.0, ("sign", "exchanged"), _multiplied("longitude")))
     elif "position_x" in there:
         pair = ("position_x", "position_y")
-        found.append(Planted("exchanged: position axes", pair, 1.0, ("exchanged", "sign"), _exchanged(*pair, True)))
-        found.append(Planted("positions: mirrored", pair, -1.0, ("sign", "exchanged"),
+        faults.append(Planted("exchanged: position axes", pair, 1.0, ("exchanged", "sign"), _exchanged(*pair, True)))
+        faults.append(Planted("positions: mirrored", pair, -1.0, ("sign", "exchanged"),
                              _multiplied(str(rng.choice(pair)))))  # fmt: skip
-        found.append(
+        faults.append(
             Planted("positions: km or mm", pair, float(rng.choice([1e3, 1e-3])), ("unit",), _multiplied(*pair))
         )
     if {"latitude", "position_x"} & there and speed is not None and len(twins) < 2:
         size = 1 + either * float(rng.choice([0.003, 0.005, 0.01, 0.03]))
-        found.append(Planted("wheel radius: 0.3 to 3 %", twins, size, ("scale",), _multiplied(speed)))
+        faults.append(Planted("wheel radius: 0.3 to 3 %", twins, size, ("scale",), _multiplied(speed)))
         late = float(rng.choice([0.015, 0.03, 0.06, 0.12]))
-        found.append(Planted("delay of the speed: 15 to 120 ms", twins, late, ("delay",), _late(speed)))
+        faults.append(Planted("delay of the speed: 15 to 120 ms", twins, late, ("delay",), _late(speed)))
     if "heading" in there:
         heading = ("heading",)
-        found += [
+        faults += [
             Planted("heading: compass", heading, -1.0, ("heading",), _turned(-1, 90.0)),
             Planted("heading: compass, degrees", heading, -1.0, ("heading",), _compass_in_degrees),
             Planted("heading: from north", heading, 1.0, ("heading",), _turned(1, 90.0)),
@@ -220,12 +220,12 @@ def _of_navigation(
         ]  # fmt: skip
         if drive.mapping[rate].get("delay") != "estimate":
             late = float(rng.choice([0.01, 0.02, 0.04, 0.08, 0.15]))
-            found.append(Planted("delay of the yaw rate: 10 to 150 ms", (rate,), late, ("delay",), _late(rate)))
+            faults.append(Planted("delay of the yaw rate: 10 to 150 ms", (rate,), late, ("delay",), _late(rate)))
     if len(drive.tables) > 1 and "bus_time" in drive.tables[0].columns:
         # which of two clocks is late nothing says
         bus = tuple(sorted(s for s in there if isinstance(drive.mapping[s], dict)))
         late = either * float(rng.choice([0.02, 0.05, 0.1]))
-        found.append(Planted("delay of a clock: 20 to 100 ms", bus, late, ("delay",), _late_clock, ("drift",)))
+        faults.append(Planted("delay of a clock: 20 to 100 ms", bus, late, ("delay",), _late_clock, ("drift",)))
         drift = either * float(rng.choice([2e-4, 5e-4, 1e-3]))
-        found.append(Planted("drift of a clock: 200 to 1000 ppm", bus, drift, ("drift",), _fast_clock, ("delay",)))
-    return found
+        faults.append(Planted("drift of a clock: 200 to 1000 ppm", bus, drift, ("drift",), _fast_clock, ("delay",)))
+    return faults

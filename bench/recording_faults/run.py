@@ -60,12 +60,12 @@ def check_drive(drive: Drive) -> tuple[CheckResult, float]:
     begin = perf_counter()
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found = check_tables(drive.tables, drive.name, drive.mapping)
-    return found, perf_counter() - begin
+        result = check_tables(drive.tables, drive.name, drive.mapping)
+    return result, perf_counter() - begin
 
 
-def _keys(found: CheckResult) -> set[tuple[str, tuple[str, ...]]]:
-    return {(f.kind, tuple(sorted(f.signals))) for f in found.findings}
+def _keys(result: CheckResult) -> set[tuple[str, tuple[str, ...]]]:
+    return {(f.kind, tuple(sorted(f.signals))) for f in result.findings}
 
 
 def _names(fault: Planted, kind: str, signals: Sequence[str]) -> bool:
@@ -76,27 +76,27 @@ def _names(fault: Planted, kind: str, signals: Sequence[str]) -> bool:
 def scored(drive: Drive, clean: CheckResult, fault: Planted, measured: bool) -> Scored:
     """Plant one fault in a drive and score the check; one that ends without an answer has named nothing."""
     try:
-        found, seconds = check_drive(fault.into(drive))
+        result, seconds = check_drive(fault.into(drive))
     except Exception as error:
         said = (f"ended without an answer: {type(error).__name__}: {error}",)
         return Scored(drive.name, fault.kind, fault.signals, measured, fault.size, False, False, False, 0, said, np.nan)
     before = _keys(clean)
-    named = any(_names(fault, f.kind, f.signals) for f in found.findings)
-    others = [f for h in found.examination.hypotheses[1:] for f in h.faults]
+    named = any(_names(fault, f.kind, f.signals) for f in result.findings)
+    others = [f for h in result.examination.hypotheses[1:] for f in h.faults]
     alternatives = named or any(_names(fault, f.kind, f.signals) for f in others)
-    wrong = {f.name for f in (found.remedy.fits if found.remedy else found.fits) if f.verdict == DISAGREES}
+    wrong = {f.name for f in (result.remedy.fits if result.remedy else result.fits) if f.verdict == DISAGREES}
     passes = not wrong - {f.name for f in clean.fits if f.verdict == DISAGREES}
     if fault.named == ("still",):  # nothing mends a channel that is dead
         passes = True
     further = [
         f
-        for f in found.findings
+        for f in result.findings
         if (f.kind, tuple(sorted(f.signals))) not in before
         and not _names(fault, f.kind, f.signals)
         and f.kind not in fault.also
     ]
     return Scored(drive.name, fault.kind, fault.signals, measured, fault.size, named, alternatives, passes,
-                  len(further), tuple(map(str, found.findings)), seconds)  # fmt: skip
+                  len(further), tuple(map(str, result.findings)), seconds)  # fmt: skip
 
 
 def score_drive(make: Callable[[], Drive], seed: int, measured: bool, there: Collection[Key] = ()) -> Iterator[Scored]:
@@ -120,12 +120,12 @@ def _check_all(task: tuple[str, int, Path, Sequence[Key]]) -> list[Scored]:
     kind, number, path, there = task
     is_measured = kind == "measured"
     make = drives.measured()[number] if is_measured else partial(getattr(drives, kind), number)
-    found = []
+    scores = []
     for each in score_drive(make, number, is_measured, there):
-        found.append(each)
+        scores.append(each)
         with path.open("a", encoding="utf-8") as file:
             file.write(line_of(each))
-    return found
+    return scores
 
 
 def run(seeds: Iterable[int], jobs: int, path: Path, with_measured: bool = True) -> Iterator[list[Scored]]:
@@ -157,11 +157,11 @@ def line_of(check: Scored) -> str:
 
 def kept(path: Path) -> list[Scored]:
     """Return the checks that a file holds; a line that an interruption cut off is none."""
-    found = []
+    scores = []
     for line in path.read_text(encoding="utf-8").splitlines() if path.is_file() else []:
         try:
             row = json.loads(line)
         except json.JSONDecodeError:
             continue
-        found.append(Scored(**{**row, "signals": tuple(row["signals"]), "found": tuple(row["found"])}))
-    return found
+        scores.append(Scored(**{**row, "signals": tuple(row["signals"]), "found": tuple(row["found"])}))
+    return scores

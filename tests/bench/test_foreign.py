@@ -13,9 +13,8 @@ import bench.foreign
 from bench.attribution.score import CURVE, FAILED
 from bench.foreign import run
 from bench.foreign.__main__ import main
-from bench.foreign.cases import CASES, DRIVES, TRUTH, write_case
+from bench.foreign.cases import CASES, DRIVES, TRUTH, nominal_text, write_case
 from bench.foreign.logger import SPEED_STEP, Logger, record
-from bench.foreign.nominal import nominal_text
 from bench.foreign.run import TRACE, run_case, task_of
 from bench.foreign.score import compare, gathered, score, table
 from bench.foreign.vehicle import OUTPUTS, PUBLISHED, STEP

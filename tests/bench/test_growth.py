@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from bench.growth.__main__ import exponent, main
-from bench.growth.road_train import VALUES, road_train
+from bench.growth.points import VALUES, road_train
 from harness.models.assembly.assemble import symbol
 
 

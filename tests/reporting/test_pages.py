@@ -120,37 +120,37 @@ def test_wherever_a_section_begins_its_figure_is_on_its_page(tmp_path, rows, sha
         given = rooms.get(one.number, Room())
         assert given.share >= SMALLEST
         if given.floats:  # half of a page would stay empty
-            assert one.left > EMPTY * one.page
+            assert one.room > EMPTY * one.page
         else:
             assert one.stands == pages[name]
-            assert one.stands == one.begins or one.left <= EMPTY * one.page
+            assert one.stands == one.begins or one.room <= EMPTY * one.page
 
 
 def placed_with(**changed):
-    common = {"number": 1, "begins": 1, "stands": 2, "left": 300.0, "page": 737.0, "whole": 500.0, "alone": 450.0,
+    common = {"number": 1, "begins": 1, "stands": 2, "room": 300.0, "page": 737.0, "whole": 500.0, "alone": 450.0,
               "figure": 400.0, "floats": False, "filled": False}  # fmt: skip
     return Placed(**(common | changed))
 
 
 def test_room_beside_a_figure_that_floats_counts():
     above = placed_with(number=1, stands=2, alone=250.0, floats=True)
-    skipping = placed_with(number=2, begins=1, stands=3, left=20.0)
+    skipping = placed_with(number=2, begins=1, stands=3, room=20.0)
     (given,) = decided(skipping, [above]).values()
     assert given.share == pytest.approx(1 - (500 - (737 - 250) + 3) / 400)
     assert not given.floats
 
 
 def test_what_could_fill_a_page_decides_how_much_may_stay_empty():
-    left = 737 * (EMPTY + EMPTY_BEFORE_TEXT) / 2
-    assert decided(placed_with(left=left, whole=600.0)) == {1: Room()}
-    assert decided(placed_with(left=left, whole=600.0, filled=True)) == {1: Room(floats=True)}
+    room = 737 * (EMPTY + EMPTY_BEFORE_TEXT) / 2
+    assert decided(placed_with(room=room, whole=600.0)) == {1: Room()}
+    assert decided(placed_with(room=room, whole=600.0, filled=True)) == {1: Room(floats=True)}
 
 
 def test_no_figure_waits_for_another_one_that_floats():
-    first = placed_with(number=1, left=400.0, floats=True)
-    second = placed_with(number=2, left=350.0, whole=700.0, filled=True)
+    first = placed_with(number=1, room=400.0, floats=True)
+    second = placed_with(number=2, room=350.0, whole=700.0, filled=True)
     assert decided(second, [first]) == {2: Room()}
-    assert decided(second, [replace(first, left=200.0)]) == {
+    assert decided(second, [replace(first, room=200.0)]) == {
         1: Room()
     }  # less stays empty if the first one does not float
     assert decided(second, [replace(first, stands=1)]) == {2: Room(floats=True)}
