@@ -125,9 +125,9 @@ def jobs(folder: Path) -> dict[str, Job]:
     commands = {
         "study": ("store", str(folder / "faults.toml")),
         "campaign": ("campaign", str(folder / "studies"), "--out"),
-        "identify": ("identify", *car, "--data", train, "--test", test, "--free", "stiffness_peak_front", "--out"),
-        "trace": ("trace", *car, "--train", train, "--test", test, "--estimators", "", "--jobs", "2", "--out"),
-        "tune": ("tune", str(folder / "faults.toml"), "--drives", str(folder / "training.toml"), "--budget", "48",
+        "identify": ("identify", *car, "--train", train, "--test", test, "--free", "stiffness_peak_front", "--out"),
+        "trace": ("trace", *car, "--train", train, "--test", test, "--estimator", "", "--jobs", "2", "--out"),
+        "tune": ("tune", str(folder / "faults.toml"), "--drive", str(folder / "training.toml"), "--budget", "48",
                  "--out"),
     }  # fmt: skip
     by_name = {}

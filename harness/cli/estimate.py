@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -10,32 +11,9 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from harness.cli.options import (
-    EffectOption,
-    JobsOption,
-    ModelOptions,
-    ParametersOption,
-    RecordedSensorsOption,
-    SetOption,
-    TyreOption,
-    command,
-    pairs,
-)
-from harness.cli.recorded_options import (
-    BankOption,
-    ChannelsOption,
-    ConsideredOption,
-    DataOption,
-    InputsOption,
-    IntegratorOption,
-    MeasurementOption,
-    ParameterOption,
-    ProcessOption,
-    RecordedOptions,
-    StepOption,
-    SubstepsOption,
-    UnknownOption,
-)
+from harness.cli.declared import takes
+from harness.cli.options import ParameterOption, SeedOption, SignalOption, command, pairs, printed
+from harness.cli.recorded_options import RecordedOptions, uncertain
 from harness.common.errors import UserError
 from harness.common.files import parse_toml
 from harness.common.stages import showing
@@ -44,11 +22,12 @@ if TYPE_CHECKING:
     from harness.api.estimator import Estimator
 
 
-def estimate(
-    model: Annotated[str, typer.Option("--model", "-m", help="Vehicle; harness list vehicles shows them.")],
-    data: DataOption,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the estimates, estimate.json and the report.")],
-    estimator: Annotated[
+@dataclass(frozen=True, kw_only=True)
+class EstimateTask(RecordedOptions):
+    """Estimators to run on recordings."""
+
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the estimates, estimate.json and the report.")]
+    estimators: Annotated[
         list[str],
         typer.Option(
             "--estimator",
@@ -56,74 +35,67 @@ def estimate(
             metavar="KIND[,NAME=VALUE...]",
             help="Estimator with its settings, e.g. ukf,alpha=0.5; repeatable. harness list estimators shows them.",
         ),
-    ],
-    channels: ChannelsOption = None,
-    parameters: ParametersOption = None,
-    tyre: TyreOption = None,
-    effect: EffectOption = None,
-    sensors: RecordedSensorsOption = None,
-    values: SetOption = None,
-    signal: Annotated[
-        list[str] | None,
-        typer.Option("--signal", help="Further quantity of the model to estimate, such as a tyre force; repeatable."),
-    ] = None,
-    reference: Annotated[
+    ]
+    signals: SignalOption = None
+    references: Annotated[
         list[str] | None,
         typer.Option(
             "--reference",
             metavar="SIGNAL=CHANNEL",
             help="State or port, and the signal of the recording it is compared with, where the names differ.",
         ),
-    ] = None,
-    unknown_input: UnknownOption = None,
-    unknown_parameter: ParameterOption = None,
-    considered_parameter: ConsideredOption = None,
-    process_noise: ProcessOption = None,
-    measurement_noise: MeasurementOption = None,
-    step: StepOption = None,
-    bank_map: BankOption = None,
-    inputs: InputsOption = "joined",
-    integrator: IntegratorOption = "rk4",
-    substeps: SubstepsOption = None,
+    ] = None
+    unknown_parameters: ParameterOption = None
+    considered_parameters: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--considered-parameter",
+            metavar="NAME[,prior=..]",
+            help="Parameter whose uncertainty is reckoned with and whose value is left alone; repeatable.",
+        ),
+    ] = None
     form: Annotated[
         Literal["csv", "parquet", "nc"], typer.Option("--format", help="Of the files with the estimates over time.")
-    ] = "csv",
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of estimators that draw random numbers.")] = 0,
-    jobs: JobsOption = None,
-) -> None:
+    ] = "csv"
+    seed: SeedOption = 0
+
+    @property
+    def unsure(self) -> dict[str, Any]:
+        """Keys of the model for parameters that are not known for sure."""
+        return {
+            "unknown_parameters": uncertain(self.unknown_parameters, "--unknown-parameter"),
+            "considered_parameters": uncertain(self.considered_parameters, "--considered-parameter"),
+        }
+
+
+@takes(EstimateTask)
+def estimate(task: EstimateTask) -> None:
     """Run estimators on recordings: estimates and standard deviations of every state, innovations, NIS, errors.
 
     Missing samples are skipped. A signal of the recording that the estimators do not measure is the reference of the
     state or port of its name. Writes one file for each estimator and recording, estimate.json and a report.
     """
-    given = RecordedOptions(
-        ModelOptions(model, parameters, tyre, effect, sensors, values),
-        data, channels, step, unknown_input, process_noise, measurement_noise, inputs, integrator, substeps,
-        bank_map or (), jobs, unknown_parameter, considered_parameter,
-    )  # fmt: skip
     from harness.api.estimates import estimate as estimated
 
-    chosen = [_estimator(text) for text in estimator]
-    references = {k: str(v) for k, v in pairs(reference, "--reference").items()}
+    estimators = [_estimator(text) for text in task.estimators]
+    references = {k: str(v) for k, v in pairs(task.references, "--reference").items()}
     with showing(Console(stderr=True), "reading"):
-        recordings = given.recordings()
-    found = estimated(
-        given.believed(recordings),
+        recordings = task.recordings()
+    estimates = estimated(
+        task.believed(recordings),
         recordings,
-        chosen,
-        signals=signal or (),
+        estimators,
+        signals=task.signals or (),
         references=references,
-        inputs=inputs,
-        seed=seed,
-        jobs=jobs,
+        inputs=task.inputs,
+        seed=task.seed,
+        jobs=task.jobs,
     )
     with showing(Console(stderr=True), "writing the report"):
-        written = found.report(out, command(), form)
-    for note in found.notes:
+        written = estimates.report(task.out, command(), task.form)
+    for note in estimates.notes:
         Console(stderr=True).print(Text(f"note: {note}"), soft_wrap=True)
-    Console().print(Text(found.answer, style="bold"), soft_wrap=True)
-    for path in written:
-        Console().print(Text(str(path)), soft_wrap=True)
+    printed(estimates.answer, written)
 
 
 def _estimator(text: str) -> Estimator:

@@ -45,22 +45,41 @@ if TYPE_CHECKING:
     from harness.api.results import Results
 
 
-_NONE_AT_ALL = ("--estimators",)
+_NONE_AT_ALL = ("--estimator", "--estimators")
 """Options of which an empty word says something: run none."""
 
+RENAMED: dict[str, dict[str, str]] = {
+    "identify": {"--data": "--train"},
+    "trace": {"--estimators": "--estimator"},
+    "tune": {"--drives": "--drive", "--only": "--estimator"},
+}
+"""What options are called today, by command and former name."""
 
 _ANYWHERE = ("--debug", "--no-limits")
+
+
+def _plain(parameters: list[Any]) -> list[Any]:
+    """Show no type behind a flag, which takes no value."""
+    for parameter in parameters:
+        if getattr(parameter, "is_flag", False):
+            parameter.metavar = ""
+    return parameters
 
 
 class _Commands(typer.core.TyperGroup):
     """Accepts options anywhere on the line that are appended to a line that failed; and no empty word."""
 
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Return the parameters; a flag has no type."""
+        return _plain(super().get_params(ctx))
+
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Move ``--debug`` and ``--no-limits`` to the front.
+        """Move ``--debug`` and ``--no-limits`` to the front; an empty line asks for help.
 
         Raises:
             BadParameter: If a word is empty: as a path it would be the working directory.
         """
+        args = args or ["--help"]
         for number, (before, word) in enumerate(zip(["", *args], args, strict=False), 1):
             option, equals, value = word.partition("=") if word.startswith("--") else (before, "", word)
             if not value.strip() and (equals or value == word) and option not in _NONE_AT_ALL:
@@ -80,12 +99,17 @@ class _Command(typer.core.TyperCommand):
     The last would win without a word, or a recording count twice.
     """
 
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Return the parameters; a flag has no type."""
+        return _plain(super().get_params(ctx))
+
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Read the words of a command.
+        """Read the words of a command, former names of options as those of today.
 
         Raises:
             BadParameter: If an option is given twice.
         """
+        args = [_today(str(self.name), word) for word in args]
         given, _, order = self.make_parser(ctx).parse_args(list(args))
         for option in (p for p in order if isinstance(p, typer.core.TyperOption)):
             values = given[str(option.name)] if option.multiple else [""] * order.count(option)
@@ -96,9 +120,18 @@ class _Command(typer.core.TyperCommand):
         return super().parse_args(ctx, args)
 
 
+def _today(command: str, word: str) -> str:
+    """Return a word of a command line under the name that its option has today; say so on stderr."""
+    option, equals, value = word.partition("=")
+    name = RENAMED.get(command, {}).get(option)
+    if name is None:
+        return word
+    Console(stderr=True).print(Text(f"note: {option} of harness {command} is called {name}"), soft_wrap=True)
+    return f"{name}{equals}{value}"
+
+
 app = typer.Typer(
     cls=_Commands,
-    no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -108,9 +141,9 @@ _command = functools.partial(app.command, cls=_Command)
 
 def _version(wanted: bool) -> None:
     if wanted:
-        from importlib.metadata import version
+        from harness import __version__
 
-        typer.echo(f"harness {version('robustness-harness')}")
+        typer.echo(f"harness {__version__}")
         raise typer.Exit
 
 
@@ -295,7 +328,8 @@ def _wide_console() -> Console:
 def check(
     file: Annotated[Path, typer.Argument(help="Recording: a file, or a folder with one signal per file.")],
     channels: Annotated[
-        Path | None, typer.Option("--channels", help="Channel map; none for columns that are signals in SI units.")
+        Path | None,
+        typer.Option("--channels", "-c", help="Channel map; none for columns that are signals in SI units."),
     ] = None,
     parameters: Annotated[
         str | None,

@@ -6,11 +6,13 @@ import functools
 import shlex
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.console import Console
+from rich.text import Text
 
 from harness.cli.guard import guarded, place_of_output
 from harness.common import locations, places
@@ -25,10 +27,6 @@ HERE = Path("studies")
 RESULTS = Path("results")
 MOST = 100_000
 """Largest count that an option takes: with more nothing would end, and most of it is a slip of the hand."""
-SetOption = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="NAME=VALUE", help='Parameter that differs from the set: trailer_mass="8 t".'),
-]
 ParametersOption = Annotated[
     str | None,
     typer.Option(
@@ -38,22 +36,22 @@ ParametersOption = Annotated[
 TyreOption = Annotated[
     str | None, typer.Option("--tyre", help="Tyre; that of the parameter file, or magic_formula where one is needed.")
 ]
-EffectOption = Annotated[
+JobsOption = Annotated[int | None, typer.Option("--jobs", "-j", min=1, max=MOST, help="Threads; all cores if absent.")]
+SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of what draws random numbers.")]
+SignalOption = Annotated[
     list[str] | None,
-    typer.Option("--effect", help="Effect in force, repeatable; those of the parameter file if absent."),
+    typer.Option("--signal", help="Further quantity of the model, such as a tyre force; repeatable."),
 ]
-SensorsOption = Annotated[
-    str | None,
-    typer.Option(
-        "--sensors",
-        help="Sensors, or signals with commas between; those of the parameter file, or the usual ones of the vehicle.",
-    ),
+UnknownOption = Annotated[
+    list[str] | None,
+    typer.Option("--unknown-input", help="Input that is estimated as a random walk beside the states; repeatable."),
 ]
-RecordedSensorsOption = Annotated[
-    str | None,
+ParameterOption = Annotated[
+    list[str] | None,
     typer.Option(
-        "--sensors",
-        help="Sensors, or signals with commas between them; those of the parameter file, or all that recordings hold.",
+        "--unknown-parameter",
+        metavar="NAME[,prior=..][,walk=..]",
+        help='Parameter to estimate beside the states: trailer_mass,prior="4 t"; repeatable.',
     ),
 ]
 DriveOption = Annotated[
@@ -61,7 +59,58 @@ DriveOption = Annotated[
     typer.Option("--option", metavar="NAME=VALUE", help='Option of the drive: amplitude="60 deg".'),
 ]
 
-JobsOption = Annotated[int | None, typer.Option("--jobs", "-j", min=1, max=MOST, help="Threads; all cores if absent.")]
+
+@dataclass(frozen=True)
+class ModelOptions:
+    """A model as the options of a command state it; ``None`` or empty is what was not given.
+
+    Attributes:
+        vehicle: File in ``models/vehicles``.
+        parameters: File in ``models/parameters`` or path of a TOML parameter file.
+        tyre: File in ``models/tyres``.
+        effects: Files in ``models/effects``.
+        sensors: File in ``models/sensors``.
+        values: ``NAME=VALUE``, as ``--set`` takes them.
+    """
+
+    vehicle: Annotated[str, typer.Option("--model", "-m", help="Vehicle; harness list vehicles shows them.")]
+    parameters: ParametersOption = None
+    tyre: TyreOption = None
+    effects: Annotated[
+        list[str] | None,
+        typer.Option("--effect", help="Effect in force, repeatable; those of the parameter file if absent."),
+    ] = None
+    sensors: Annotated[
+        str | None,
+        typer.Option(
+            "--sensors",
+            help="Sensors, or signals with commas between; those of the parameter file if absent, or all that "
+            "recordings hold, or the usual ones of the vehicle.",
+        ),
+    ] = None
+    values: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="NAME=VALUE", help='Parameter that differs from the set: trailer_mass="8 t".'),
+    ] = None
+
+
+@dataclass(frozen=True)
+class VehicleOptions(ModelOptions):
+    """A model whose vehicle is an argument, or named by ``--model`` as elsewhere."""
+
+    vehicle: Annotated[str, typer.Argument(help="Vehicle; harness list vehicles shows them.")] = ""
+    model: Annotated[str, typer.Option("--model", "-m", help="The vehicle, as other commands take it.")] = ""
+
+    @property
+    def named(self) -> ModelOptions:
+        """The model, its vehicle named one way.
+
+        Raises:
+            UserError: If it is named both ways, or not at all.
+        """
+        if bool(self.vehicle) == bool(self.model):
+            raise UserError("name one vehicle, by --model or as the argument; harness list vehicles shows them")
+        return replace(self, vehicle=self.vehicle or self.model)
 
 
 def answers_errors(command: Callable[[Sequence[str]], None]) -> Callable[[Sequence[str]], int]:
@@ -153,25 +202,12 @@ def command() -> str:
     return " ".join(["harness", *map(shlex.quote, sys.argv[1:])])
 
 
-@dataclass(frozen=True)
-class ModelOptions:
-    """A model as the options of a command state it; ``None`` or empty is what was not given.
-
-    Attributes:
-        vehicle: File in ``models/vehicles``.
-        parameters: File in ``models/parameters`` or path of a TOML parameter file.
-        tyre: File in ``models/tyres``.
-        effects: Files in ``models/effects``.
-        sensors: File in ``models/sensors``.
-        values: ``NAME=VALUE``, as ``--set`` takes them.
-    """
-
-    vehicle: str
-    parameters: str | None = None
-    tyre: str | None = None
-    effects: Sequence[str] | None = None
-    sensors: str | None = None
-    values: list[str] | None = None
+def printed(answer: str, lines: Iterable[str | Path]) -> None:
+    """Print the answer of a command, and below it further sentences and the files that were written."""
+    console = Console()
+    console.print(Text(answer, style="bold"), soft_wrap=True)
+    for line in lines:
+        console.print(Text(str(line)), soft_wrap=True)
 
 
 def model_of(options: ModelOptions, **further: Any) -> Model:

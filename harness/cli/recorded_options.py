@@ -10,107 +10,76 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from harness.cli.options import MOST, ModelOptions, model_of, pairs, quantity
+from harness.cli.options import MOST, JobsOption, ModelOptions, UnknownOption, model_of, pairs, quantity
 from harness.common.errors import UserError
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from harness.api.model import Model
-    from harness.recorded.run import Inputs
 
 BANK = "bank_angle"
 """Signal that ``--bank-map`` makes."""
 
-DataOption = Annotated[
-    list[Path], typer.Option("--data", "-d", help="Recording, or a part: lap.csv@0s:200s; repeatable.")
-]
+RECORDING = "a part: lap.csv@0s:200s; with a map of its own: lap.csv@map.toml; repeatable."
 ChannelsOption = Annotated[
-    Path | None, typer.Option("--channels", "-c", help="Channel map of the recordings; signal names if absent.")
-]
-StepOption = Annotated[
-    str | None, typer.Option("--step", help='Sample time of the estimators: "20 ms"; that of the recording if absent.')
-]
-UnknownOption = Annotated[
-    list[str] | None,
-    typer.Option("--unknown-input", help="Input that is estimated as a random walk beside the states; repeatable."),
-]
-ParameterOption = Annotated[
-    list[str] | None,
+    Path | None,
     typer.Option(
-        "--unknown-parameter",
-        metavar="NAME[,prior=..][,walk=..]",
-        help='Parameter to estimate beside the states: trailer_mass,prior="4 t"; repeatable.',
+        "--channels", "-c", help="Channel map of the recordings that name none; columns are signals if absent."
     ),
 ]
-ConsideredOption = Annotated[
+TrainOption = Annotated[list[Path], typer.Option("--train", "-d", help=f"Recording to fit, or {RECORDING}")]
+TEST = f"Held-out recording, or {RECORDING}"
+FreeOption = Annotated[
     list[str] | None,
-    typer.Option(
-        "--considered-parameter",
-        metavar="NAME[,prior=..]",
-        help="Parameter whose uncertainty is reckoned with and whose value is left alone; repeatable.",
-    ),
-]
-ProcessOption = Annotated[
-    list[str] | None,
-    typer.Option("--process-noise", metavar="STATE=VARIANCE", help='Per step: yaw_rate="4e-8 rad^2/s^2"; repeatable.'),
-]
-MeasurementOption = Annotated[
-    list[str] | None,
-    typer.Option("--measurement-noise", metavar="OUTPUT=VARIANCE", help="Per sample; repeatable."),
-]
-BankOption = Annotated[
-    list[Path] | None,
-    typer.Option("--bank-map", help="Recording of the same road, at least two, from which its bank is mapped."),
-]
-InputsOption = Annotated[
-    Literal["joined", "held"],
-    typer.Option("--inputs", help="Recorded inputs run straight between samples, or are held as in a simulation."),
+    typer.Option("--free", "-f", help="Parameters to fit, with commas between them; repeatable."),
 ]
 IntegratorOption = Annotated[
     Literal["euler", "heun", "rk4"], typer.Option("--integrator", help="How the model's equations are integrated.")
 ]
-SubstepsOption = Annotated[
-    int | None,
-    typer.Option("--substeps", min=1, max=MOST, help="Integration steps per sample; of at most 10 ms if absent."),
-]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RecordedOptions:
-    """What estimators believe of recordings, as options state it.
-
-    Attributes:
-        model: Vehicle, values, tyre, effects, sensors.
-        data: Recordings.
-        channels: Channel map, if any.
-        step: Sample time with unit, if given.
-        unknown: Inputs that are not known.
-        process: ``STATE=VARIANCE``.
-        measurement: ``OUTPUT=VARIANCE``.
-        inputs: How recorded inputs run between samples.
-        integrator: Scheme.
-        substeps: Integration steps per sample, if given.
-        bank: Recordings that map the bank of the road.
-        jobs: Threads, if given.
-        parameters: Parameters to estimate, ``NAME[,NAME=VALUE...]``.
-        considered: Parameters whose uncertainty is reckoned with.
-    """
+    """Recordings, and what estimators believe of them, as options state it."""
 
     model: ModelOptions
-    data: Sequence[Path]
-    channels: Path | None = None
-    step: str | None = None
-    unknown: list[str] | None = None
-    process: list[str] | None = None
-    measurement: list[str] | None = None
-    inputs: Inputs = "joined"
-    integrator: str = "rk4"
-    substeps: int | None = None
-    bank: Sequence[Path] = ()
-    jobs: int | None = None
-    parameters: list[str] | None = None
-    considered: list[str] | None = None
+    data: Annotated[list[Path], typer.Option("--data", "-d", help=f"Recording, or {RECORDING}")]
+    channels: ChannelsOption = None
+    step: Annotated[
+        str | None,
+        typer.Option("--step", help='Sample time of the estimators: "20 ms"; that of the recording if absent.'),
+    ] = None
+    unknown_inputs: UnknownOption = None
+    process_noise: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--process-noise", metavar="STATE=VARIANCE", help='Per step: yaw_rate="4e-8 rad^2/s^2"; repeatable.'
+        ),
+    ] = None
+    measurement_noise: Annotated[
+        list[str] | None,
+        typer.Option("--measurement-noise", metavar="OUTPUT=VARIANCE", help="Per sample; repeatable."),
+    ] = None
+    bank_map: Annotated[
+        list[Path] | None,
+        typer.Option("--bank-map", help="Recording of the same road, at least two, from which its bank is mapped."),
+    ] = None
+    inputs: Annotated[
+        Literal["joined", "held"],
+        typer.Option("--inputs", help="Recorded inputs run straight between samples, or are held as in a simulation."),
+    ] = "joined"
+    integrator: IntegratorOption = "rk4"
+    substeps: Annotated[
+        int | None,
+        typer.Option("--substeps", min=1, max=MOST, help="Integration steps per sample; of at most 10 ms if absent."),
+    ] = None
+    jobs: JobsOption = None
+
+    @property
+    def unsure(self) -> dict[str, Any]:
+        """Keys of the model for parameters that are not known for sure."""
+        return {}
 
     def recordings(self) -> list[xr.Dataset]:
         """Return the recordings, each with a name of its own.
@@ -125,14 +94,14 @@ class RecordedOptions:
         for i, path in enumerate(self.data):
             if path.resolve() in [p.resolve() for p in self.data[:i]]:
                 raise UserError(f"--data {path}: is given twice")
-            if path.resolve() in [p.resolve() for p in self.bank]:
+            if path.resolve() in [p.resolve() for p in self.bank_map or ()]:
                 raise UserError(
                     f"--data {path}: no drive may use a bank estimated from itself; leave it out of --bank-map"
                 )
         step = None if self.step is None else quantity(self.step, "s", "--step")
         read = [load_recording(path, self.channels, step) for path in self.data]
-        if self.bank:
-            mapped = [load_recording(path, self.channels, step) for path in self.bank]
+        if self.bank_map:
+            mapped = [load_recording(path, self.channels, step) for path in self.bank_map]
             read = with_bank(mapped, read)[len(mapped) :]
         return [r.assign_attrs(name=name) for r, name in zip(read, names_of(read), strict=True)]
 
@@ -147,17 +116,16 @@ class RecordedOptions:
 
         step = step_of(recordings[0])
         noise = {
-            "process": pairs(self.process, "--process-noise"),
-            "measurement": pairs(self.measurement, "--measurement-noise"),
+            "process": pairs(self.process_noise, "--process-noise"),
+            "measurement": pairs(self.measurement_noise, "--measurement-noise"),
         }
         model = model_of(
             self.model,
             integrator=self.integrator,
             substeps=self.substeps or math.ceil(step / FINEST - 1e-9),
             step=step,
-            unknown_inputs=self.unknown,
-            unknown_parameters=uncertain(self.parameters, "--unknown-parameter"),
-            considered_parameters=uncertain(self.considered, "--considered-parameter"),
+            unknown_inputs=self.unknown_inputs,
+            **self.unsure,
             noise=noise,
         )
         lacking = [r.attrs["name"] for r in recordings if BANK in model.inputs and BANK not in r]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -9,35 +10,27 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from harness.cli.options import (
-    DriveOption,
-    EffectOption,
-    ModelOptions,
-    ParametersOption,
-    SensorsOption,
-    SetOption,
-    TyreOption,
-    drive_of,
-    model_of,
-)
+from harness.cli.declared import takes
+from harness.cli.options import DriveOption, SignalOption, VehicleOptions, drive_of, model_of
 
 
-def simulate(
-    vehicle: Annotated[str, typer.Argument(help="Vehicle; harness list vehicles shows them.")],
-    drive: Annotated[str, typer.Option("--drive", help="Kind of drive; harness list drives shows them.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="File to write: .csv, .parquet or .nc.")],
-    option: DriveOption = None,
-    values: SetOption = None,
-    parameters: ParametersOption = None,
-    tyre: TyreOption = None,
-    effect: EffectOption = None,
-    sensors: SensorsOption = None,
-    signal: Annotated[list[str] | None, typer.Option("--signal", help="Further quantity to write; repeatable.")] = None,
+@dataclass(frozen=True, kw_only=True)
+class SimulateTask:
+    """A drive to simulate."""
+
+    model: VehicleOptions
+    drive: Annotated[str, typer.Option("--drive", help="Kind of drive; harness list drives shows them.")]
+    out: Annotated[Path, typer.Option("--out", "-o", help="File to write: .csv, .parquet or .nc.")]
+    options: DriveOption = None
+    signals: SignalOption = None
     seed: Annotated[
         int | None,
         typer.Option("--seed", min=0, help="Seed of process and measurement noise; none if absent."),
-    ] = None,
-) -> None:
+    ] = None
+
+
+@takes(SimulateTask)
+def simulate(task: SimulateTask) -> None:
     """Simulate one drive and write it to a file.
 
     One column per signal, in SI units, under the names that harness list signals shows. Inputs run straight from sample
@@ -47,9 +40,9 @@ def simulate(
     from harness.identification.measured_file import FINE
     from harness.recordings.read.write import check_target, write_recording
 
-    check_target(out)
-    model = model_of(ModelOptions(vehicle, parameters, tyre, effect, sensors, values), integrator=FINE)
-    recording = simulated(model, drive_of(drive, option), seed, signal or [])
-    write_recording(recording, out)
+    check_target(task.out)
+    model = model_of(task.model.named, integrator=FINE)
+    recording = simulated(model, drive_of(task.drive, task.options), task.seed, task.signals or [])
+    write_recording(recording, task.out)
     samples, signals = recording.sizes["time"], len(recording.data_vars)
-    Console().print(Text(f"{out}: {samples} samples of {signals} signals"), soft_wrap=True)
+    Console().print(Text(f"{task.out}: {samples} samples of {signals} signals"), soft_wrap=True)

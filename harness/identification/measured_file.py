@@ -115,6 +115,7 @@ class SpanTable(StrictTable):
     file: Name = Field(description="recording, from the folder of recordings")
     name: StrictStr = Field(default="", description="in reports; the name of the file if absent")
     span: tuple[Quantity, Quantity] | None = Field(default=None, description="start and end time; all if absent")
+    channels: StrictStr = Field(default="", description="channel map of this recording; that of all if absent")
 
 
 class ExcludeTable(StrictTable):
@@ -202,14 +203,10 @@ class MeasuredStudy:
                 message = f"there is no effect '{excluded.effect}'{closest(excluded.effect, effects)}"
                 problems.add(f"exclude[{i}].effect", message)
         problems.stop()
-        channels = None
-        if raw.channels:
-            local = path.parent / raw.channels
-            channels = local if local.suffix else locations.find(locations.CHANNELS, raw.channels)
         step = to_si(raw.step, "s", f"{path}: step")
         if step <= 0:
             raise UserError(f"{path}: step: {step:g} s must be positive")
-        return cls(path, raw, path.parent / raw.recordings, channels, step)
+        return cls(path, raw, path.parent / raw.recordings, _map(path, raw.channels), step)
 
     @property
     def absent(self) -> str:
@@ -236,8 +233,9 @@ class MeasuredStudy:
                 held out.
         """
         wanted = self.spans()
-        files = dict.fromkeys(s.file for spans in wanted.values() for s in spans)
-        whole = {f: self._load(f) for f in files}
+        every = [s for spans in wanted.values() for s in spans]
+        own = {s.file: _map(self.path, s.channels) for s in every if s.channels}
+        whole = {f: self._load(f, own.get(f, self.channels)) for f in dict.fromkeys(s.file for s in every)}
         if self.raw.bank_map:
             whole = self._with_bank(whole)
         taken: list[tuple[str, str, float, float]] = []
@@ -283,11 +281,11 @@ class MeasuredStudy:
         banked = with_bank([whole[f] for f in fitted], [whole[f] for f in others])
         return dict(zip([*fitted, *others], banked, strict=True))
 
-    def _load(self, file: str) -> xr.Dataset:
+    def _load(self, file: str, channels: Path | None) -> xr.Dataset:
         if not (self.folder / file).exists():
             present = sorted(p.name for p in self.folder.iterdir())
             raise UserError(f"{self.path}: there is no recording '{file}' in {self.folder}{closest(file, present)}")
-        return load_recording(self.folder / file, self.channels, self.step)
+        return load_recording(self.folder / file, channels, self.step)
 
     def _ends(self, span: SpanTable, recording: xr.Dataset, where: str) -> tuple[float, float]:
         last = float(recording["time"][-1])
@@ -297,6 +295,14 @@ class MeasuredStudy:
         if stop - start < SHORTEST:
             raise UserError(f"{where}.span: {stop - start:.1f} s are too short; take at least {SHORTEST:g} s")
         return start, stop
+
+
+def _map(path: Path, named: str) -> Path | None:
+    """Return a channel map that a file names: by its name, or by a path from the file; ``None`` if it names none."""
+    if not named:
+        return None
+    beside = path.parent / named
+    return beside if beside.suffix else locations.find(locations.CHANNELS, named)
 
 
 def _cut(recording: xr.Dataset, start: float, stop: float, span: SpanTable) -> xr.Dataset:

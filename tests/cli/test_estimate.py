@@ -137,7 +137,7 @@ def test_noise_is_found_and_estimate_takes_its_file(folder, tmp_path):
         (["estimate", "-e", "ekf", "--unknown-input", "sped"], "'sped' is no input"),
         (["estimate", "-e", "ekf", "--reference", "yaw_rate=nothing"], "the recording lacks 'nothing'"),
         (["tune", "--by", "unit", "mass"], "leave out the study"),
-        (["tune", "--drives", "robustness"], "leave out the study, --drives, --only"),
+        (["tune", "--drive", "robustness"], "leave out the study, --drive, --estimator"),
     ],
 )
 def test_what_cannot_be_is_one_line(folder, tmp_path, words, said):
@@ -151,7 +151,7 @@ def test_what_cannot_be_is_one_line(folder, tmp_path, words, said):
 def test_tune_needs_a_study_or_recordings(tmp_path):
     done = run("tune", "--out", tmp_path / "tuned.toml")
     assert done.exit_code == 2
-    assert "harness tune STUDY --drives" in " ".join(done.output.split())
+    assert "harness tune STUDY --drive" in " ".join(done.output.split())
     done = run("tune", "--data", "lap.csv", "--out", tmp_path / "tuned.toml")
     assert "--data needs --model" in " ".join(done.output.split())
 

@@ -33,7 +33,7 @@ def run(*words):
 
 def test_a_fit_writes_a_set_that_loads_its_numbers_and_a_report(folder, tmp_path):
     free = "stiffness_over_load_front,stiffness_over_load_rear"
-    done = run("--data", folder / "first.csv", "--test", folder / "second.csv", "--free", free,
+    done = run("--train", folder / "first.csv", "--test", folder / "second.csv", "--free", free,
                "--set", "stiffness_over_load_front=7.5", "--setting", "annealings=0", "--out", tmp_path)  # fmt: skip
     assert done.exit_code == 0, done.output
     assert "Of 2 parameters the recordings leave 2 determined." in done.stdout
@@ -65,7 +65,7 @@ def test_a_fit_is_kept_where_the_comparison_with_the_recordings_fails(folder, tm
         raise ZeroDivisionError("no sample is left")
 
     monkeypatch.setattr("harness.identification.fit_recordings.judge", broken)
-    done = run("--data", folder / "first.csv", "--free", "stiffness_over_load_front", "--setting", "annealings=0",
+    done = run("--train", folder / "first.csv", "--free", "stiffness_over_load_front", "--setting", "annealings=0",
                "--setting", "iterations=1", "--setting", "profiles=false", "--out", tmp_path)  # fmt: skip
     assert done.exit_code == 0, done.output
     assert "warning: the comparison with the recordings could not be made: ZeroDivisionError" in done.stderr
@@ -81,7 +81,7 @@ def test_a_fit_that_makes_the_simulation_worse_says_so_first_and_in_its_file(fol
     odd["steering_wheel_angle"] *= 1.5
     odd.loc[300, "heading"] += 1.0
     odd.to_csv(tmp_path / "odd.csv", index=False)
-    done = run("--data", tmp_path / "odd.csv", "--test", folder / "second.csv", "--free", "steering_ratio",
+    done = run("--train", tmp_path / "odd.csv", "--test", folder / "second.csv", "--free", "steering_ratio",
                "--setting", "annealings=0", "--setting", "profiles=false", "--out", tmp_path)  # fmt: skip
     assert done.exit_code == 0, done.output
     assert done.stdout.startswith("The fit failed: with it the simulation error of the drives that were kept aside is")
@@ -110,7 +110,7 @@ def test_a_fit_that_makes_the_simulation_worse_says_so_first_and_in_its_file(fol
     ],
 )
 def test_a_wrong_request_is_one_line(folder, tmp_path, words, said):
-    done = run("--data", folder / "first.csv", "--out", tmp_path / "out", *words)
+    done = run("--train", folder / "first.csv", "--out", tmp_path / "out", *words)
     assert done.exit_code == 2
     assert said in done.stderr
     assert "Traceback" not in done.stderr
@@ -119,7 +119,7 @@ def test_a_wrong_request_is_one_line(folder, tmp_path, words, said):
 
 def test_a_drive_is_not_fitted_and_tested_at_once(folder, tmp_path):
     first = folder / "first.csv"
-    done = run("--data", first, "--test", first, "--free", "cog_height", "--out", tmp_path)
+    done = run("--train", first, "--test", first, "--free", "cog_height", "--out", tmp_path)
     assert done.exit_code == 2
     assert "is fitted as well" in done.stderr
 

@@ -81,8 +81,8 @@ def test_a_module_takes_an_option_once(tmp_path, capsys):
 @pytest.mark.parametrize(
     "line",
     [
-        ("tune", "mass", "--drives", "robustness", "-o", "there", "--budget"),
-        ("tune", "mass", "--drives", "robustness", "-o", "there", "--points"),
+        ("tune", "mass", "--drive", "robustness", "-o", "there", "--budget"),
+        ("tune", "mass", "--drive", "robustness", "-o", "there", "--points"),
         ("trace", "-m", "car", "--train", "a.csv", "-t", "b.csv", "-o", "there", "--study", "mass", "--repeats"),
         ("remedy", "there", "--jobs"),
     ],
@@ -98,7 +98,7 @@ def test_options_that_say_the_same_twice_without_a_value_are_taken():
     assert harness("cache", "--clear", "--clear", "--help")[0] == 0
 
 
-@pytest.mark.parametrize("none", [("--estimators", ""), ("--estimators=",)])
+@pytest.mark.parametrize("none", [("--estimator", ""), ("--estimator=",), ("--estimators", "")])
 def test_no_estimators_are_an_empty_list(none):
     status, said = harness("trace", "-m", "car", "--train", "a.csv", "--test", "b.csv", "--out", "there", *none)
     assert status == 2
@@ -150,7 +150,7 @@ def test_a_study_or_its_drives_are_not_written_over_by_what_is_tuned(tmp_path, o
     files = {"mine.toml": study, "drives.toml": '[[drive]]\nname = "one"\nkind = "sine"\nduration = "2 s"\n'}
     for name, text in files.items():
         (tmp_path / name).write_text(text)
-    words = ["--drives", tmp_path / "drives.toml", "--objective", objective, "--out", tmp_path / "." / over]
+    words = ["--drive", tmp_path / "drives.toml", "--objective", objective, "--out", tmp_path / "." / over]
     status, said = harness("tune", tmp_path / "mine.toml", *words)
     assert status == 2
     assert "this is a file that the command reads" in said

@@ -121,7 +121,7 @@ def test_a_whole_trace_says_in_words_what_it_cannot_explain(longer, tmp_path, wh
         tmp_path / "odd.csv",
         "--test",
         longer / "second.csv",
-        "--estimators",
+        "--estimator",
         "ekf",
     ]
     done = CliRunner().invoke(app, [str(w) for w in [*words, "--out", tmp_path / "out"]])

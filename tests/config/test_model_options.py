@@ -74,7 +74,7 @@ def run(line):
 
 
 COMMANDS = {
-    "identify": "identify --model car --data lap.csv --free yaw_inertia --out out",
+    "identify": "identify --model car --train lap.csv --free yaw_inertia --out out",
     "trace": "trace --model car --train a.csv --test b.csv --out out",
     "simulate": "simulate car --drive sine --option amplitude='1 deg' --sensors car_navigation --out out.csv",
     "observability": "observability car --sensors car_navigation --out out",

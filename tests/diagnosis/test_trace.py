@@ -228,7 +228,7 @@ design = [{ name = "load", factor = [{ parameter = "mass", shift = ["0 %", "10 %
 def test_a_trace_finds_what_nobody_told_it_of(tmp_path):
     drives = [driven(i + 30, ["steering_lag"], steering_lag=0.08) for i in range(2)]
     (tmp_path / "load.toml").write_text(STUDY)
-    result = traced(tmp_path, drives, "--estimators", "ekf", "--study", str(tmp_path / "load.toml"))
+    result = traced(tmp_path, drives, "--estimator", "ekf", "--study", str(tmp_path / "load.toml"))
     assert result.exit_code == 0, result.output
     found = json.loads((tmp_path / "out" / "trace.json").read_text())
     assert found["verdict"] == "amended"

@@ -170,7 +170,7 @@ def test_estimators_run_on_a_generated_log(harness, logs, empty):
 
 def test_a_trace_finds_the_lag_that_nobody_told_it_of(harness, logs, empty):
     drives = ("--train", logs[0], "--train", logs[1], "--test", logs[2])
-    said = harness("trace", "--model", "car", *CAR, *drives, "--estimators", "ekf", "--out", "trace")
+    said = harness("trace", "--model", "car", *CAR, *drives, "--estimator", "ekf", "--out", "trace")
     assert "steering" in said
     assert "steering_lag" in (empty / "trace" / "amended.toml").read_text(encoding="utf-8")
 

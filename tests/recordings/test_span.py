@@ -8,7 +8,7 @@ from harness.common.errors import UserError
 from harness.identification.data import refuse_the_same
 from harness.recordings import load_recording
 from harness.recordings.check.examine import recording_warnings
-from harness.recordings.read.span import file_and_span
+from harness.recordings.read.span import named_parts
 
 
 @pytest.fixture
@@ -39,7 +39,7 @@ def test_a_part_begins_at_zero_and_ends_before_the_next_one(lap, span, first, la
 
 def test_a_file_without_a_span_is_whole(lap):
     assert "span" not in load_recording(lap).attrs
-    assert file_and_span("C:/drives/lap.csv")[1] is None
+    assert named_parts("C:/drives/lap.csv")[1:] == (None, None)
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ from harness.recordings.read.channel_map import ESTIMATE, load_map, map_content
 from harness.recordings.read.channels import plain_map
 from harness.recordings.read.in_memory import name_of, tables_of
 from harness.recordings.read.load import recording_of
-from harness.recordings.read.span import Span, file_and_span, part_of
+from harness.recordings.read.span import Span, named_parts, part_of
 from harness.recordings.readers import Table
 
 __all__ = ["CheckResult", "MapRemedy", "check_recording", "check_tables"]
@@ -128,15 +128,16 @@ def check_recording(
         UserError: If anything cannot be read.
         ModelError: If there is no such parameter set.
     """
+    span = None
+    if isinstance(source, str | os.PathLike):
+        path, own_map, span = named_parts(source)
+        tables, name, channels = readers.read_tables(path), str(path), own_map or channels
+    else:
+        tables, name = tables_of(source, channels is not None), name_of(source)
     content = None
     if channels is not None:
         load_map(channels)  # names the file in its messages
         content = map_content(channels)
-    if isinstance(source, str | os.PathLike):
-        path, span = file_and_span(source)
-        tables, name = readers.read_tables(path), str(path)
-    else:
-        tables, name, span = tables_of(source, content is not None), name_of(source), None
     return _with_axles(check_tables(tables, name, content, span, fit_error), parameters)
 
 

@@ -27,7 +27,7 @@ from harness.recordings.read.clock import Clock
 from harness.recordings.read.in_memory import name_of, tables_of
 from harness.recordings.read.lever_arm import to_reference_point
 from harness.recordings.read.resample import first_order_lag, onto_grid, updated_on_grid
-from harness.recordings.read.span import file_and_span, part_of
+from harness.recordings.read.span import named_parts, part_of
 
 _END = 1.0
 """s that may be cut from either end where not every signal is there yet, or still."""
@@ -47,8 +47,8 @@ def load_recording(
 
     Args:
         source: A file of a known format, or a folder with one signal per file. ``lap.csv@20s:200s`` is that part of it,
-            from the first sample; an end that is left out is that of the file. Or data in memory, see
-            ``in_memory.tables_of``.
+            from the first sample; an end that is left out is that of the file. ``lap.csv@map.toml`` is read by a map of
+            its own. Or data in memory, see ``in_memory.tables_of``.
         channels: Channel map: a file or its content. Without one the columns must carry the names of
             ``models/signals.py``, in SI units, and the clock the name ``time``.
         step: Step of the common time base in s, in place of that of the channel map.
@@ -70,7 +70,8 @@ def load_recording(
     if not isinstance(source, str | os.PathLike):
         tables, name = tables_of(source, mapping is not None), name or name_of(source)
         return recording_of(tables, name, mapping, step).assign_attrs(name=name)
-    file, span = file_and_span(source)
+    file, own_map, span = named_parts(source)
+    mapping = mapping if own_map is None else load_map(own_map)
     recording = recording_of(_tables(file, mapping), os.fspath(file), mapping, step)
     if span is not None:
         recording = part_of(recording, span, os.fspath(source))

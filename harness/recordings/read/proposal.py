@@ -40,7 +40,7 @@ from harness.recordings.read.column_values import (
     in_units,
     witness,
 )
-from harness.recordings.read.span import file_and_span
+from harness.recordings.read.span import named_parts
 
 _ALIKE = 0.9
 """Correlation of a column with what the motion makes of the others from which it is taken for their signal."""
@@ -118,7 +118,7 @@ def propose(path: Path) -> Proposal:
     Raises:
         UserError: If it cannot be read, or no column looks like a signal.
     """
-    file, span = file_and_span(path)
+    file, _, span = named_parts(path)
     tables = [filled(table) for table in readers.read_tables(file)]
     own_clocks = [clocks_of(table) for table in tables]
     if span is not None:

@@ -1,4 +1,4 @@
-"""A part of a long recording, named with it: ``lap.csv@0s:200s``, ``lap.csv@200s:``."""
+"""Part and channel map of a recording, named with it: ``lap.csv@0s:200s``, ``lap.csv@200s:``, ``lap.csv@map.toml``."""
 
 from __future__ import annotations
 
@@ -14,26 +14,36 @@ from harness.common.errors import UserError
 from harness.common.units import to_si
 
 _SPAN = re.compile(r"(?P<file>.+)@(?P<start>[^@:/\\]*):(?P<stop>[^@:/\\]*)")
+_MAP = re.compile(r"(?P<file>.+)@(?P<map>[^@]+\.toml)")
 
 Span = tuple[float, float]
 """Begin and end in s after the first sample; an end may be infinite."""
 
 
-def file_and_span(path: str | os.PathLike[str]) -> tuple[Path, Span | None]:
-    """Return the file that a path names, and which part of it; a file that has such a name is meant whole.
+def named_parts(path: str | os.PathLike[str]) -> tuple[Path, Path | None, Span | None]:
+    """Return the file that a path names, its channel map, and which part of it; a file of such a name is meant whole.
 
     Raises:
         UserError: If begin or end is no time, or the end is not behind the begin.
     """
-    said = os.fspath(path)
-    match = _SPAN.fullmatch(said)
-    if match is None or Path(said).exists():
-        return Path(said), None
+    file, mapped, span = os.fspath(path), None, None
+    while not Path(file).exists():
+        if span is None and (match := _SPAN.fullmatch(file)):
+            span = _span(match, os.fspath(path))
+        elif mapped is None and (match := _MAP.fullmatch(file)):
+            mapped = Path(match["map"])
+        else:
+            break
+        file = match["file"]
+    return Path(file), mapped, span
+
+
+def _span(match: re.Match[str], said: str) -> Span:
     start = to_si(match["start"], "s", f"{said}: begin") if match["start"] else 0.0
     stop = to_si(match["stop"], "s", f"{said}: end") if match["stop"] else np.inf
     if not 0.0 <= start < stop:
         raise UserError(f"{said}: the span must begin at 0 s or later and end behind that; write FILE@20s:200s")
-    return Path(match["file"]), (start, stop)
+    return start, stop
 
 
 def part_of(recording: xr.Dataset, span: Span, said: str) -> xr.Dataset:
