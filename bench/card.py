@@ -25,9 +25,10 @@ from harness.common.arguments import Parser
 from harness.config import Study, load_study
 from harness.cuda.kernels import CardKernel, name_of_card
 from harness.cuda.on_card import Begun, CardEvaluator, Loaded
+from harness.engine.kernel_names import Belief, State
 from harness.estimation.contract import load_estimator
 from harness.study.design import Unit
-from harness.study.evaluate import InBatches, StudyEvaluator
+from harness.study.evaluate import StudyEvaluator
 
 RUNS = (100, 1_000, 10_000, 100_000)
 
@@ -81,12 +82,13 @@ class Measurement:
 
     def loaded(self, runs: int) -> Loaded:
         """Return what the plants of so many runs hold."""
-        held = InBatches(*(tiled(each, runs) for each in self._loaded.held))
-        return Loaded(tiled(self._loaded.words, runs, 0), held, tiled(self._loaded.parameters, runs))
+        return Loaded(tiled(self._loaded.words, runs, 0), *(tiled(each, runs) for each in self._loaded[1:]))
 
     def begun(self, e: int, runs: int) -> Begun:
         """Return what an estimator believes in so many runs."""
-        return Begun(*(tiled(each, runs) for each in self._begun[e]))
+        belief, first = self._begun[e]
+        told = Belief(*(tiled(each, runs) for each in belief[:3]), belief.tuning)
+        return Begun(told, State(*(tiled(each, runs) for each in first)))
 
     def rates(self, runs: int, rounds: int) -> dict[str, float]:
         """Return steps per second of the simulation and of each estimator, with their transfers."""

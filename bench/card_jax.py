@@ -11,7 +11,7 @@ import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -24,8 +24,10 @@ from bench.peers.jax_numbers import JAX
 from bench.peers.problem import Equations, equations_of
 from harness.common.arrays import Floats
 from harness.engine.compile import CompiledModel
+from harness.estimation.contract import Estimator
+from harness.study.compiled_study import in_a_row
 from harness.study.design import Unit
-from harness.study.evaluate import StudyEvaluator, in_a_row
+from harness.study.evaluate import StudyEvaluator
 
 os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")  # this project's runs are on the same card
 
@@ -300,9 +302,9 @@ class Problem:
         self.unit = Unit(0, 0, drive, 0, runs)
         cases = evaluator.cases(self.unit)
         self.batch = evaluator.simulate(self.unit, cases, samples)
-        self.believed = evaluator.parameters(self.unit, cases, "belief")
+        self.believed = evaluator.held(self.unit, cases, "belief")
         self.places = {e.kind: i for i, e in enumerate(evaluator.study.estimators) if e.kind in ("ekf", "ukf")}
-        self.begun = {kind: evaluator.begin(i, self.unit, cases, self.believed) for kind, i in self.places.items()}
+        self.holds = {k: evaluator.believed_by(i, self.unit, cases, self.believed) for k, i in self.places.items()}
         drives, names = evaluator.compiled.drives[drive], evaluator.compiled.truth_names
         self.seen = Seen(
             drives.belief[:samples, :, 0],
@@ -310,16 +312,19 @@ class Problem:
             in_a_row(self.batch.truth, 3)[:, [names.index(each) for each in self.compiled.signal_names]],
         )
 
+    def _estimator(self, kind: str) -> Estimator:
+        return cast(Estimator, self.evaluator.compiled.estimators[self.places[kind]])
+
     def belief(self, kind: str, runs: int) -> Told:
         """Return what an estimator is told of so many runs."""
-        belief, state = self.begun[kind]
+        belief, state = self._estimator(kind).begin(self.holds[kind])
         variance = in_a_row(state.covariance, 3)[range(self.compiled.nx), range(self.compiled.nx)]
         rows = (belief.constants, belief.process_noise, belief.measurement_noise, state.mean)
         return Told(*(tiled(each, runs) for each in (*(in_a_row(row, 2) for row in rows), variance)))
 
     def filter(self, form: Form) -> Any:
         """Return a filter over a batch of runs, compiled when it is first called."""
-        tuning = self.evaluator.compiled.estimators[self.places[form.kind]].tuning
+        tuning = self._estimator(form.kind).tuning
         run = partial(estimated, form, self.compiled, tuple(map(float, tuning)))
         return jax.jit(jax.vmap(run, in_axes=(Seen(None, -1, -1), -1), out_axes=-1) if form.vmapped else run)
 
@@ -330,17 +335,17 @@ class Problem:
 
     def plant(self, runs: int) -> Told:
         """Return what the plant holds in so many runs."""
-        held = self.evaluator.in_batches(
-            self.evaluator.compiled.plant,
-            self.unit,
-            self.evaluator.parameters(self.unit, self.evaluator.cases(self.unit), "plant"),
+        held = self.evaluator.held(self.unit, self.evaluator.cases(self.unit), "plant")
+        constants, noise = (
+            self.evaluator.compiled.plant.constants(held.values),
+            (held.process_noise, held.measurement_noise),
         )
-        return Told(*(tiled(in_a_row(each, 2), runs) for each in (*held, held.first)))
+        return Told(*(tiled(in_a_row(each, 2), runs) for each in (constants, *noise, held.first, held.first)))
 
     def wanted(self, kind: str) -> Sums:
         """Return the sums of this project's estimator, on the processor."""
-        begun = self.begun[kind], self.batch, self.believed
-        sums = self.evaluator.sums(self.places[kind], self.unit.drive, *begun, keep=False)
+        inputs = self.evaluator.inputs(self.places[kind], self.unit.drive, self.batch, self.believed)
+        sums = self.evaluator.sums(self.places[kind], inputs, self.batch, self.holds[kind], keep=False)
         per_run = in_a_row(sums.per_run, 2)
         return Sums(in_a_row(sums.errors, 3)[0], per_run[4], per_run[7])
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
+from typing import cast
 
 import numpy as np
 from rich.console import Console
@@ -33,10 +34,11 @@ from harness.engine.kernel_names import (
     splat,
     sqrt,
 )
-from harness.estimation.contract import kernels_of, load_estimator
+from harness.estimation.contract import Estimator, kernels_of, load_estimator
+from harness.runner.contract import InputSeries
 from harness.runner.filter_loop import step, workspace, write_covariance
 from harness.runner.limits import outside
-from harness.simulation.simulate import first_state, in_lanes
+from harness.simulation.simulate import in_lanes
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
 from harness.study.run_noise import Case
@@ -49,7 +51,7 @@ def endure(u, y, belief, first, limits, worst):
     """Run a filter on from a state, which is overwritten by the last one.
 
     Args:
-        u: Inputs ``(samples, nu, LANES)``.
+        u: InputSeries ``(samples, nu, LANES)``.
         y: Measurements ``(samples, ny, LANES)``.
         belief: ``harness.engine.kernel_names.Belief``.
         first: ``harness.engine.kernel_names.State``.
@@ -125,15 +127,15 @@ def endurance(kinds: tuple[str, ...] = KINDS, hours: float = 24.0, part: float =
     evaluator = StudyEvaluator(dataclasses.replace(study, drives=(drive,), estimators=estimators))
     compiled, plant = evaluator.compiled, evaluator.compiled.plant
     unit, cases = Unit(0, 0, 0, 0, 1), [Case(0, r) for r in range(LANES)]
-    held, believed = evaluator.parameters(unit, cases, "plant"), evaluator.parameters(unit, cases, "belief")
+    held, believed = evaluator.held(unit, cases, "plant"), evaluator.held(unit, cases, "belief")
     loops, states, beliefs = {}, {}, {}
     for i, kind in enumerate(kinds):
         source = paste(compiled.belief, f"endure_{kind}", [endure], kernels_of(load_estimator(kind)))
         loops[kind] = load_source(f"endure_{kind}", source).endure
-        beliefs[kind], states[kind] = evaluator.begin(i, unit, cases, believed)
+        estimator = cast(Estimator, compiled.estimators[i])
+        beliefs[kind], states[kind] = estimator.begin(evaluator.believed_by(i, unit, cases, believed))
     extremes = {kind: np.array([0.0, 1.0, 0.0, 0.0])[:, None] * np.ones(LANES) for kind in kinds}
     spent = dict.fromkeys(kinds, 0.0)
-    x = first_state(plant.model, held.values.T, compiled.drives[0].profile)
     limits = np.array([compiled.belief.model.valid.get(n, np.inf) for n in compiled.belief.model.states])
     rows = [plant.signal_names.index(n) for n in plant.model.states if n in plant.signal_names]
     assert len(rows) == plant.nx
@@ -141,16 +143,9 @@ def endurance(kinds: tuple[str, ...] = KINDS, hours: float = 24.0, part: float =
     for number in range(round(hours * HOUR / part)):
         noise = in_lanes(np.zeros((len(inputs), plant.nx + plant.ny)))
         noise[:] = np.random.default_rng([number, 0]).standard_normal(noise.shape)
-        batch = compiled.simulator.run(
-            inputs,
-            plant.constants(held.values.T),
-            np.ascontiguousarray(held.process_noise.T),
-            np.ascontiguousarray(held.measurement_noise.T),
-            noise,
-            x,
-        )
+        batch = compiled.simulator.run(InputSeries(inputs), held, noise, compiled.recorded)
         assert (batch.left_at == len(inputs)).all(), "the vehicle left its range: choose a calmer drive"
-        x = np.ascontiguousarray(batch.truth[-1, rows])
+        held = dataclasses.replace(held, first=np.ascontiguousarray(batch.truth[-1, rows]))
         inputs_held, measurements = compiled.known(0, batch), compiled.measured(batch.measurements)
         for kind in kinds:
             begin = time.process_time()

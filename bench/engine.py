@@ -67,7 +67,7 @@ def _step_times(study: Study, samples: int, rounds: int) -> dict[str, float]:
     keep_pages()
     evaluator = StudyEvaluator(study)
     unit, cases = Unit(0, 4, 3, 0, 1), [Case(0, r) for r in range(LANES)]
-    batch, believed = evaluator.simulate(unit, cases, samples), evaluator.parameters(unit, cases, "belief")
+    batch, believed = evaluator.simulate(unit, cases, samples), evaluator.held(unit, cases, "belief")
     work: dict[str, Callable[[], object]] = {"simulation with noise": lambda: evaluator.simulate(unit, cases, samples)}
     for i, kind in enumerate(e.kind for e in study.estimators):
         work[kind] = lambda i=i: evaluator.estimate(i, unit, cases, batch, believed)

@@ -24,7 +24,7 @@ from harness.common.arrays import Floats
 from harness.config import Study, build_study
 from harness.engine.simd.lanes import LANES
 from harness.remedy.run import time_of_step
-from harness.simulation.simulate import Batch
+from harness.runner.contract import Batch
 from harness.study.design import Unit, units
 from harness.study.evaluate import StudyEvaluator
 from harness.study.run_noise import Case
@@ -92,9 +92,9 @@ def disturbed(batch: Batch, case: str, deviation: Floats, unit: Unit) -> Batch:
 
 def lighter(evaluator: StudyEvaluator, unit: Unit, cases: list[Case]) -> Batch:
     """Return a batch of a vehicle whose trailer is lighter than believed, with the same noise."""
-    plant = evaluator.parameters(unit, cases, "plant")
+    plant = evaluator.held(unit, cases, "plant")
     values = plant.values.copy()
-    values[:, evaluator.study.plant.model().parameter_names.index("trailer_mass")] *= LIGHTER
+    values[evaluator.study.plant.model().parameter_names.index("trailer_mass")] *= LIGHTER
     return evaluator.simulate(unit, cases, plant=dataclasses.replace(plant, values=values))
 
 
@@ -105,9 +105,9 @@ def measure(kinds: list[str], steering: str) -> None:
     rmse: dict[tuple[str, str], list[Floats]] = {}
     nees: dict[tuple[str, str], list[float]] = {}
     for unit in units(compared, compared.designs[0]):
-        plain, believed = evaluator.simulate(unit, cases), evaluator.parameters(unit, cases, "belief")
-        plant = evaluator.parameters(unit, cases, "plant")
-        deviation = np.sqrt(plant.measurement_noise.T)
+        plain, believed = evaluator.simulate(unit, cases), evaluator.held(unit, cases, "belief")
+        plant = evaluator.held(unit, cases, "plant")
+        deviation = np.sqrt(plant.measurement_noise)
         for case in CASES:
             batch = lighter(evaluator, unit, cases) if case == "lighter" else disturbed(plain, case, deviation, unit)
             for index, kind in enumerate(kinds):

@@ -100,7 +100,7 @@ def runs(compared: Study) -> Iterator[Run]:
     names, begin = evaluator.compiled.truth_names, round(compared.score_after / compared.plant.step)
     for unit in units(compared, design):
         cases = [Case(0, repeat) for repeat in range(RUNS)]
-        batch, believed = evaluator.simulate(unit, cases), evaluator.parameters(unit, cases, "belief")
+        batch, believed = evaluator.simulate(unit, cases), evaluator.held(unit, cases, "belief")
         scores = evaluator.estimate(0, unit, cases, batch, believed, keep=True)
         assert scores.kept is not None
         truth = batch.truth[:, [names.index(t) for t in compared.targets]]
@@ -225,7 +225,7 @@ def particles() -> None:
         lost = dict.fromkeys(field, 0)
         for drive in range(len(mass.drives)):
             unit, cases = Unit(0, home, drive, 0, 1), [Case(0, repeat) for repeat in range(RUNS)]
-            batch, believed = evaluator.simulate(unit, cases), evaluator.parameters(unit, cases, "belief")
+            batch, believed = evaluator.simulate(unit, cases), evaluator.held(unit, cases, "belief")
             for index, name in enumerate(field):
                 scores = evaluator.estimate(index, unit, cases, batch, believed)
                 errors[name].append(scores.rmse[: len(mass.targets)])

@@ -98,7 +98,8 @@ class _Clock:
 
     def _watch(self, made: StudyEvaluator) -> None:
         simulator: Any = made.compiled.simulator
-        simulator.loop = self.timed("kernels", simulator.loop)
+        record = made.compiled.recorded
+        simulator.loops[record.names] = self.timed("kernels", simulator.loop(record))
         estimators: list[Any] = list(made.compiled.estimators)
         for each in estimators:
             timed = self.timed("kernels", each._kernels.estimate)

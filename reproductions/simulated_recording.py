@@ -8,13 +8,13 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.config import ModelSpec
-from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
 from harness.identification.data import DriveData, drive_from
 from harness.identification.simulation_error import Misfit
 from harness.models.contracts import Profile
 from harness.models.signals import TRUTH
-from harness.simulation.simulate import Simulator, in_lanes, simulate_drive, variances
+from harness.runner.contract import Held, InputSeries, Signals
+from harness.simulation.simulate import CompiledSimulator, in_lanes, simulate_drive, variances
 
 
 def record(spec: ModelSpec, profile: Profile, name: str, seed: int) -> DriveData:
@@ -61,17 +61,10 @@ class Setup:
         drive_data, values = self.judge.drives[number], in_lanes(self.judge.parameters(number, candidate[None])[:, 0])
         spec = self.plants[drive]
         names = tuple(spec.model().outputs)
-        compiled = compile_model(spec.model(), spec.step, spec.integrator, spec.substeps, names)
-        nx, ny = compiled.nx, compiled.ny
+        nx, ny = len(spec.model().states), len(names)
         noise = np.zeros((len(drive_data.time), nx + ny, LANES))
-        batch = Simulator(compiled).run(
-            in_lanes(drive_data.inputs),
-            compiled.constants(values),
-            np.zeros((nx, LANES)),
-            np.zeros((ny, LANES)),
-            noise,
-            in_lanes(drive_data.first_mean),
-        )
+        held = Held(values, np.zeros((nx, LANES)), np.zeros((ny, LANES)), in_lanes(drive_data.first_mean))
+        batch = CompiledSimulator.of(spec).run(InputSeries(in_lanes(drive_data.inputs)), held, noise, Signals(names))
         batch.truth[int(batch.left_at[0]) :] = np.nan
         return {name: batch.truth[:, i, 0] for i, name in enumerate(names)}
 

@@ -21,8 +21,9 @@ from harness.estimation.particle_smoother import mean_of, reweight, run_filter, 
 from harness.models.assembly.assemble import assemble
 from harness.models.contracts import DriveContext
 from harness.models.parameters import sun_2015 as car
+from harness.runner.contract import Held, InputSeries, Signals
 from harness.simulation.drives import build_drive
-from harness.simulation.simulate import Simulator, in_lanes, input_table, variances
+from harness.simulation.simulate import CompiledSimulator, in_lanes, input_table, variances
 
 SAMPLES = 501
 SIZES = (50, 200, 1000)
@@ -43,14 +44,13 @@ def simulate_runs(repeats: int, seed: int) -> tuple[CompiledModel, Floats, Float
     for lane in range(LANES):
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(min(lane, repeats - 1),)))
         noise[:, :, lane] = rng.standard_normal(noise.shape[:2])
-    batch = Simulator(compiled).run(
-        inputs,
-        compiled.constants(in_lanes(compiled.parameter_vector(car.VALUES))),
+    held = Held(
+        in_lanes(compiled.parameter_vector(car.VALUES)),
         in_lanes(variances(car.PROCESS_NOISE, model.states)),
         in_lanes(variances(car.MEASUREMENT_NOISE, list(model.outputs))),
-        noise,
         np.zeros((compiled.nx, LANES)),
     )
+    batch = CompiledSimulator(model, car.NOISE_STEP).run(InputSeries(inputs), held, noise, Signals(model.states))
     return compiled, inputs, batch.truth, batch.measurements
 
 

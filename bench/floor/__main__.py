@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from rich import box
@@ -18,6 +18,8 @@ from bench.floor.throughput import EXACT_NORMAL, throughput
 from harness.common.arguments import Parser
 from harness.engine import standard_normal
 from harness.engine.simd.lanes import LANES
+from harness.estimation.contract import Estimator
+from harness.simulation.simulate import CompiledSimulator
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
 from harness.study.provenance import processor
@@ -39,15 +41,15 @@ def operations() -> dict[str, dict[str, float]]:
     """Return the operations on all lanes per step, by kernel of the mass study and kind; warmed up, scores included."""
     evaluator = StudyEvaluator(mass_study())
     unit, cases = Unit(0, 4, 3, 0, 1), [Case(0, r) for r in range(LANES)]
-    simulator = evaluator.compiled.simulator
+    simulator, record = cast(CompiledSimulator, evaluator.compiled.simulator), evaluator.compiled.recorded
     short, long = 4, 9
     batches = {n: evaluator.simulate(unit, cases, n) for n in (short, long)}
-    believed, counted_operations = evaluator.parameters(unit, cases, "belief"), {}
-    simulator.loop, draw = counted(simulator.loop), standard_normal._compiled
+    believed, counted_operations = evaluator.held(unit, cases, "belief"), {}
+    simulator.loops[record.names], draw = counted(simulator.loop(record)), standard_normal._compiled
     standard_normal._compiled = lambda: SimpleNamespace(fill=_counted_draw)  # type: ignore[assignment]
     counted_operations["simulation with noise"] = _per_step(lambda n: evaluator.simulate(unit, cases, n), short, long)
     standard_normal._compiled = draw
-    for i, estimator in enumerate(evaluator.compiled.estimators):
+    for i, estimator in enumerate(cast(list[Estimator], evaluator.compiled.estimators)):
         if estimator.kind not in counted_operations:
             estimator._kernels = SimpleNamespace(estimate=counted(estimator.loop))
             counted_operations[estimator.kind] = _per_step(

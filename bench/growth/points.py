@@ -34,7 +34,9 @@ from harness.estimation.contract import Estimator
 from harness.models.assembly.assemble import Model, assemble
 from harness.models.contracts import Parameter
 from harness.models.signals import Signal
-from harness.simulation.simulate import Simulator, in_lanes
+from harness.runner.contract import Held, InputSeries, Signals
+from harness.runner.records import Scoring
+from harness.simulation.simulate import CompiledSimulator, in_lanes
 
 STEP, SAMPLES, STATES, ROUNDS = 0.01, 200, 10, 5
 TASKS = 16
@@ -130,16 +132,20 @@ def _work(
 ) -> Callable[[], object]:
     """Return what runs an estimator over eight runs of a chain of trailers."""
     compiled = compile_model(road_train(states), STEP, signals=("rate_0",))
-    constants = compiled.constants(in_lanes(compiled.parameter_vector(VALUES)))
     inputs = np.empty((samples, 2, LANES))
     inputs[:, 0], inputs[:, 1] = 0.02 * np.sin(0.02 * np.arange(samples))[:, None], 15.0
-    variance_x, variance_y = np.full((states, LANES), 1e-8), np.full((2, LANES), 1e-5)
+    held = Held(
+        in_lanes(compiled.parameter_vector(VALUES)),
+        np.full((states, LANES), 1e-8),
+        np.full((2, LANES), 1e-5),
+        np.zeros((states, LANES)),
+        np.full((states, LANES), 1e-6),
+    )
     noise = np.random.default_rng(0).normal(size=(samples, states + 2, LANES))
-    batch = Simulator(compiled).run(inputs, constants, variance_x, variance_y, noise, np.zeros((states, LANES)))
-    estimator = Estimator(kind, compiled, settings)
-    belief = estimator.belief(constants, variance_x, variance_y)
-    first, until = estimator.init(np.zeros(states), np.full(states, 1e-6)), np.full(LANES, 1.0 * samples)
-    return partial(estimator.run, inputs, batch.measurements, batch.truth, compiled.signal_names, until, belief, first)
+    simulator, signals = CompiledSimulator(compiled.model, STEP), compiled.signal_names
+    batch = simulator.run(InputSeries(inputs), held, noise, Signals(signals))
+    record = Scoring(batch.truth, signals, np.full(LANES, 1.0 * samples))
+    return partial(Estimator(kind, compiled, settings).run, InputSeries(inputs), batch.measurements, held, record)
 
 
 CURVES: dict[str, tuple[str, Callable[[int], Point], tuple[int, ...]]] = {

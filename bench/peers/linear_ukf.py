@@ -11,6 +11,8 @@ from harness.engine.simd.lanes import LANES
 from harness.estimation.contract import Estimator
 from harness.models.assembly.assemble import Builder, assemble
 from harness.models.signals import Signal
+from harness.runner.contract import Held, InputSeries
+from harness.runner.records import Scoring
 from harness.simulation.simulate import in_lanes
 from harness.testing.small_vehicles import module
 
@@ -42,9 +44,7 @@ def filtering(samples: int) -> Callable[[], object]:
     estimator = Estimator("ukf", compiled)
     rng = np.random.default_rng(0)
     inputs, measured = rng.normal(size=(samples, 1, LANES)), rng.normal(size=(samples, 2, LANES))
-    belief = estimator.belief(
-        compiled.constants(np.zeros((0, LANES))), in_lanes(np.full(4, 1e-3)), in_lanes(np.ones(2))
-    )
-    first = estimator.init(np.zeros(4), np.ones(4))
-    truth, until = np.zeros((samples, 4, LANES)), np.full(LANES, float(samples))
-    return lambda: estimator.sums(inputs, measured, truth, STATES, until, belief, first)
+    noise = in_lanes(np.full(4, 1e-3)), in_lanes(np.ones(2))
+    held = Held(np.zeros((0, LANES)), *noise, np.zeros((4, LANES)), np.ones((4, LANES)))
+    record = Scoring(np.zeros((samples, 4, LANES)), STATES, np.full(LANES, float(samples)))
+    return lambda: estimator.run(InputSeries(inputs), measured, held, record)

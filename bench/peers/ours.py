@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import cast
 
 import numpy as np
 
 from bench.peers.problem import UNIT, Problem
 from harness.common.arrays import Floats
+from harness.estimation.contract import Estimator
 from harness.simulation.simulate import in_lanes
 
 
@@ -18,7 +20,7 @@ def filtering(given: Problem) -> Callable[[], object]:
     for group in given.groups():
         batch, believed = (
             evaluator.simulate(UNIT, group, len(given.inputs)),
-            evaluator.parameters(UNIT, group, "belief"),
+            evaluator.held(UNIT, group, "belief"),
         )
         work.append((group, batch, believed))
     return lambda: [evaluator.estimate(0, UNIT, group, batch, believed) for group, batch, believed in work]
@@ -34,8 +36,8 @@ def means(given: Problem) -> Floats:
     """Return the means of the first run ``(steps, nx)``."""
     group = given.groups()[0]
     evaluator = given.evaluator
-    estimator = evaluator.compiled.estimators[0]
-    belief, state = evaluator.begin(0, UNIT, group, evaluator.parameters(UNIT, group, "belief"))
+    estimator = cast(Estimator, evaluator.compiled.estimators[0])
+    belief, state = estimator.begin(evaluator.believed_by(0, UNIT, group, evaluator.held(UNIT, group, "belief")))
     kept = np.empty((given.steps, len(given.mean)))
     for k in range(1, len(given.inputs)):
         before, now = in_lanes(given.inputs[k - 1]), in_lanes(given.inputs[k])

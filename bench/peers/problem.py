@@ -11,7 +11,7 @@ import inspect
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from bench.engine import mass_study
 from harness.common.arrays import Floats
 from harness.engine.compile import CompiledModel
 from harness.engine.simd.lanes import LANES
+from harness.estimation.contract import Estimator
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
 from harness.study.run_noise import Case
@@ -98,9 +99,10 @@ def problem(kind: str, samples: int, batch: int, settings: Mapping[str, Any] | N
         simulated = evaluator.simulate(UNIT, group, samples)
         measured.append(evaluator.compiled.measured(simulated.measurements)[:, :, : len(group)])
     group = list(cases[:LANES])
-    believed = evaluator.parameters(UNIT, group, "belief")
-    inputs, _ = evaluator.inputs(0, UNIT.drive, simulated, believed)
-    belief, first = evaluator.begin(0, UNIT, group, believed)
+    believed = evaluator.held(UNIT, group, "belief")
+    inputs = evaluator.inputs(0, UNIT.drive, simulated, believed).at
+    estimator = cast(Estimator, evaluator.compiled.estimators[0])
+    belief, first = estimator.begin(evaluator.believed_by(0, UNIT, group, believed))
     nx = evaluator.compiled.belief.nx
     return Problem(
         evaluator.compiled.belief,
@@ -120,12 +122,12 @@ def driven(given: Problem) -> Problem:
     """Return the problem with the equations of the plant, whose steering is an input, for simulations without noise."""
     evaluator = given.evaluator
     plant, group = evaluator.compiled.plant, list(given.cases[:LANES])
-    values = evaluator.parameters(UNIT, group, "plant").values
+    values = evaluator.held(UNIT, group, "plant").values
     return dataclasses.replace(
         given,
         compiled=plant,
         inputs=evaluator.compiled.drives[UNIT.drive].plant[: len(given.inputs), :, 0],
-        constants=plant.constants(values.T)[:, :1],
+        constants=plant.constants(values)[:, :1],
         mean=np.zeros(plant.nx),
     )
 

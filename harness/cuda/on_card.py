@@ -22,14 +22,18 @@ from harness.config.roles import ESTIMATORS
 from harness.cuda import compiling, loops
 from harness.cuda.kernels import CardKernel, check_card, name_of_card
 from harness.cuda.lanes import upper_half as upper_half_on_card
+from harness.engine.kernel_names import Belief, State
 from harness.engine.simd.lanes import LANES
 from harness.engine.standard_normal import upper_half
-from harness.estimation.contract import Sums, kernels_of, load_estimator
+from harness.estimation.contract import Estimator, kernels_of, load_estimator
+from harness.runner import records
+from harness.runner.contract import Held
 from harness.runner.scores import SCORES
 from harness.runner.simulation_loop import SIMULATION
-from harness.study.compiled_study import parameter_truth
-from harness.study.design import RunParameters, Unit
-from harness.study.evaluate import InBatches, StudyEvaluator, in_a_row
+from harness.simulation.simulate import largest
+from harness.study.compiled_study import in_a_row, parameter_truth
+from harness.study.design import Unit
+from harness.study.evaluate import StudyEvaluator
 from harness.study.run_noise import Cases
 
 DEVICE = "cuda"
@@ -49,14 +53,13 @@ def compared() -> list[str]:
     return [kind for kind in ESTIMATORS.names() if DEVICE in load_estimator(kind).DEVICES]
 
 
-class Part(NamedTuple):
-    """A unit, its runs, what plant and belief hold in each, and that of the plant as kernels take it."""
+class UnitRuns(NamedTuple):
+    """A unit, its runs, and what plant and belief hold in each."""
 
     unit: Unit
     cases: Cases
-    plant: RunParameters
-    believed: RunParameters
-    held: InBatches
+    plant: Held
+    believed: Held
 
 
 class Loaded(NamedTuple):
@@ -64,19 +67,22 @@ class Loaded(NamedTuple):
 
     Attributes:
         words: From ``RunNoise.words`` ``(runs, 1 + words)``.
-        held: What the plants hold, each ``(n, runs)``.
+        constants, process_noise, measurement_noise, first: What the plants hold, each ``(n, runs)``; variances.
         parameters: From ``parameter_truth`` ``(names, runs)``.
     """
 
     words: NDArray[np.uint64]
-    held: InBatches
+    constants: Floats
+    process_noise: Floats
+    measurement_noise: Floats
+    first: Floats
     parameters: Floats
 
 
 class Simulated(NamedTuple):
     """Simulated runs on a card: inputs, truth and measurements ``(samples, n, runs)``, where each left its range.
 
-    Inputs that all runs have in common are ``(samples, nu, 1)``.
+    InputSeries that all runs have in common are ``(samples, nu, 1)``.
     """
 
     inputs: Any
@@ -86,30 +92,17 @@ class Simulated(NamedTuple):
 
 
 class Begun(NamedTuple):
-    """What an estimator believes and begins with, each ``(..., runs)``; see ``Belief`` and ``State``.
+    """What an estimator believes and begins with, each ``(..., runs)``; the memory has room for two steps behind it."""
 
-    Attributes:
-        constants: Of the belief.
-        process_noise: Variances per step.
-        measurement_noise: Variances per sample.
-        mean: First mean.
-        covariance: Its covariance.
-        memory: That of the first step, and room for two more ``(3, rows, runs)``.
-    """
-
-    constants: Floats
-    process_noise: Floats
-    measurement_noise: Floats
-    mean: Floats
-    covariance: Floats
-    memory: Floats
+    belief: Belief
+    first: State
 
 
 class Prepared(NamedTuple):
     """Units of one drive that are computed at once, with what a card is told of their plants and by each estimator."""
 
     drive: int
-    parts: Sequence[Part]
+    parts: Sequence[UnitRuns]
     loaded: Loaded
     begun: Sequence[Begun]
 
@@ -118,7 +111,7 @@ class Computed(NamedTuple):
     """What comes back of them: where each run left its range, and the sums of each estimator."""
 
     left_at: Floats
-    sums: Sequence[Sums]
+    sums: Sequence[records.Sums]
 
 
 Scored = tuple[Unit, dict[str, NDArray[np.generic]]]
@@ -159,9 +152,9 @@ class CardEvaluator:
                 compiled.belief,
                 kernels_of(load_estimator(kind), parameters=within) | SCORES,
             )
-            for kind in dict.fromkeys(each.kind for each in compiled.estimators)
+            for kind in dict.fromkeys(each.kind for each in study.estimators)
         }
-        self.estimate_kernels = [of_kind[each.kind] for each in compiled.estimators]
+        self.estimate_kernels = [of_kind[each.kind] for each in study.estimators]
         self._layers = [cuda.to_device(np.asarray(table)) for table in (wi_double, ki_double, fi_double)]
 
     def evaluate(self, units: Sequence[Unit]) -> Iterator[Scored]:
@@ -187,14 +180,14 @@ class CardEvaluator:
         study = self._evaluator.study
         for drive in sorted({unit.drive for unit in units}):
             batch: list[Unit] = []
-            room = left = self._runs_at_once(drive)
+            room = free = self._runs_at_once(drive)
             for unit in (u for u in units if u.drive == drive):
                 runs = -(-unit.runs(study) // LANES) * LANES
-                if batch and runs > left:
+                if batch and runs > free:
                     yield drive, batch
-                    batch, left = [], room
+                    batch, free = [], room
                 batch.append(unit)
-                left -= runs
+                free -= runs
             yield drive, batch
 
     def _over_time(self, units: Sequence[Unit]) -> Generator[Scored, None, Sequence[Unit]]:
@@ -228,8 +221,8 @@ class CardEvaluator:
         if index == 0:
             self.simulate(0, self.loaded([part]), samples=3)
             return "simulation"
-        e, (truth, measured, left) = index - 1, self._room(3, part.held.first.shape[-1])
-        self.sums(e, self.estimate(e, self._simulated(0, truth, measured, left), self.believed(e, [part])))
+        e, (truth, measured, left_at) = index - 1, self._room(3, part.plant.first.shape[-1])
+        self.sums(e, self.estimate(e, self._simulated(0, truth, measured, left_at), self.believed(e, [part])))
         return self.study.estimators[e].name
 
     def _runs_at_once(self, drive: int) -> int:
@@ -241,12 +234,11 @@ class CardEvaluator:
         free, _ = cuda.current_context().get_memory_info()
         return int(min(MOST, max(1, SHARE * free // (8 * samples * rows))))
 
-    def part(self, unit: Unit) -> Part:
+    def part(self, unit: Unit) -> UnitRuns:
         """Return a unit with what its runs hold."""
         evaluator = self._evaluator
         cases = evaluator.cases(unit)
-        plant, believed = evaluator.parameters(unit, cases, "plant"), evaluator.parameters(unit, cases, "belief")
-        return Part(unit, cases, plant, believed, evaluator.in_batches(evaluator.compiled.plant, unit, plant))
+        return UnitRuns(unit, cases, evaluator.held(unit, cases, "plant"), evaluator.held(unit, cases, "belief"))
 
     def _prepared(self, drive: int, units: Sequence[Unit]) -> Prepared:
         """Return what a card needs to evaluate units of one drive at once."""
@@ -262,17 +254,17 @@ class CardEvaluator:
 
     def _entered(self, prepared: Prepared, computing: Future[Computed]) -> Iterator[Scored]:
         """Wait for the card; give each unit with its scores."""
-        evaluator, (left, sums) = self._evaluator, computing.result()
+        evaluator, (left_at, sums) = self._evaluator, computing.result()
         start = 0
         for part in prepared.parts:
             result, own = evaluator.pending(part.unit), slice(start, start + len(part.cases))
-            for e, (estimator, totals) in enumerate(zip(evaluator.compiled.estimators, sums, strict=True)):
-                scores = estimator.scores(Sums(totals.errors[..., own], totals.per_run[:, own]))
-                evaluator.enter(result, part.unit, e, left[own], scores)
+            for e, totals in enumerate(sums):
+                scores = records.Sums(totals.errors[..., own], totals.per_run[:, own], totals.stated).scores()
+                evaluator.enter(result, part.unit, e, left_at[own], scores)
             start += -(-len(part.cases) // LANES) * LANES
             yield part.unit, result
 
-    def loaded(self, parts: Sequence[Part]) -> Loaded:
+    def loaded(self, parts: Sequence[UnitRuns]) -> Loaded:
         """Return what a card is told of the plants of some units."""
         study, noise = self._evaluator.study, self._evaluator.noise
         words = [noise.words(part.unit, part.cases) for part in parts]
@@ -282,31 +274,38 @@ class CardEvaluator:
         still = [
             parameter_truth(study.plant, study.belief, part.plant, part.believed)
             if wanted
-            else np.empty((0, len(part.plant.values)))
+            else np.empty((0, in_a_row(part.plant.values, 2).shape[1]))
             for part in parts
         ]
-        held = InBatches(*(in_rows([getattr(part.held, name) for part in parts]) for name in InBatches._fields))
-        return Loaded(np.concatenate(padded), held, np.ascontiguousarray(np.concatenate(still, axis=1)))
+        plants = [part.plant for part in parts]
+        return Loaded(
+            np.concatenate(padded),
+            in_rows([self._evaluator.compiled.plant.constants(each.values) for each in plants]),
+            in_rows([each.process_noise for each in plants]),
+            in_rows([each.measurement_noise for each in plants]),
+            in_rows([each.first for each in plants]),
+            np.ascontiguousarray(np.concatenate(still, axis=1)),
+        )
 
     def simulate(self, drive: int, loaded: Loaded, samples: int | None = None) -> Simulated:
         """Simulate runs of a drive, all samples by default."""
         compiled, runs = self._evaluator.compiled, len(loaded.words)
-        plant, simulator, held = compiled.plant, compiled.simulator, loaded.held
+        plant = compiled.plant
         inputs = _sent(compiled.drives[drive].plant[:samples, :, :1])
         samples, own = inputs.shape[0], len(plant.signal_names)
         noise = cuda.device_array((samples, plant.nx + plant.ny, runs))
         self._draw(runs, _sent(loaded.words), *self._layers, noise)
-        truth, measured, left = self._room(samples, runs)
+        truth, measured, left_at = self._room(samples, runs)
         self.simulate_kernel(
-            runs, inputs, inputs, _sent(held.constants), _sent(np.sqrt(held.process_noise)),
-            _sent(np.sqrt(held.measurement_noise)), _sent(simulator.limits), _sent(simulator.largest),
-            _sent(held.first), noise, truth, measured, left,
+            runs, inputs, inputs, _sent(loaded.constants), _sent(np.sqrt(loaded.process_noise)),
+            _sent(np.sqrt(loaded.measurement_noise)), _sent(plant.model.limits), _sent(largest(compiled.recorded)),
+            _sent(loaded.first), noise, truth, measured, left_at,
         )  # fmt: skip
         if len(loaded.parameters):
             values = _sent(loaded.parameters)
             for i in range(len(loaded.parameters)):
                 self._hold(runs, values, i, truth, own + i)
-        return self._simulated(drive, truth, measured, left)
+        return self._simulated(drive, truth, measured, left_at)
 
     def _room(self, samples: int, runs: int) -> tuple[Any, Any, Any]:
         """Return arrays on the card for what is simulated: truth, measurements, where each run left its range."""
@@ -314,10 +313,10 @@ class CardEvaluator:
         truth, measured = (cuda.device_array((samples, n, runs)) for n in rows)
         return truth, measured, cuda.device_array((1, runs))
 
-    def _simulated(self, drive: int, truth: Any, measured: Any, left: Any) -> Simulated:
+    def _simulated(self, drive: int, truth: Any, measured: Any, left_at: Any) -> Simulated:
         """Return what estimators take of the signals of a plant."""
         runs = truth.shape[2]
-        return Simulated(self._known(drive, truth, measured, runs), truth, self._measured(measured, runs), left)
+        return Simulated(self._known(drive, truth, measured, runs), truth, self._measured(measured, runs), left_at)
 
     def _known(self, drive: int, truth: Any, measured: Any, runs: int) -> Any:
         """Return the belief's inputs on the card, those that the plant supplies filled in."""
@@ -345,47 +344,52 @@ class CardEvaluator:
             self._copy(runs, measured, place, chosen, i)
         return chosen
 
-    def believed(self, e: int, parts: Sequence[Part]) -> Begun:
+    def believed(self, e: int, parts: Sequence[UnitRuns]) -> Begun:
         """Return what an estimator believes in the runs of some units and what it begins with."""
-        evaluator = self._evaluator
-        begun = [
-            evaluator.begun(e, part.unit, part.cases, evaluator.believes(e, part.unit, part.believed)) for part in parts
-        ]
-        beliefs, first = [belief for belief, _ in begun], [state for _, state in begun]
+        evaluator, estimator = self._evaluator, self._estimator(e)
+        held = (evaluator.believed_by(e, part.unit, part.cases, part.believed) for part in parts)
+        beliefs, first = zip(*(estimator.begin(each) for each in held), strict=True)
         carried = in_rows([state.memory for state in first])
         memory = np.zeros((3, max(1, len(carried)), carried.shape[-1]))
         memory[0, : len(carried)] = carried
-        return Begun(
-            in_rows([belief.constants for belief in beliefs]),
-            in_rows([belief.process_noise for belief in beliefs]),
-            in_rows([belief.measurement_noise for belief in beliefs]),
-            in_rows([state.mean for state in first]),
-            in_rows([state.covariance for state in first], 3),
-            memory,
+        belief = Belief(
+            in_rows([each.constants for each in beliefs]),
+            in_rows([each.process_noise for each in beliefs]),
+            in_rows([each.measurement_noise for each in beliefs]),
+            estimator.tuning,
         )
+        mean, covariance = in_rows([state.mean for state in first]), in_rows([state.covariance for state in first], 3)
+        return Begun(belief, State(mean, covariance, memory))
+
+    def _estimator(self, e: int) -> Estimator:
+        estimator = self._evaluator.compiled.estimators[e]
+        assert isinstance(estimator, Estimator)
+        return estimator
+
+    def _compared(self, e: int) -> records.Compared:
+        evaluator = self._evaluator
+        return records.compared(self._estimator(e), evaluator.compiled.truth_names, evaluator.first_scored)
 
     def estimate(self, e: int, simulated: Simulated, begun: Begun) -> tuple[Any, Any]:
         """Run an estimator; return the sums of ``Sums`` on the card."""
-        estimator, evaluator = self._evaluator.compiled.estimators[e], self._evaluator
-        rows, _, options = estimator.compared(evaluator.compiled.truth_names, evaluator.first_scored)
-        runs, priors = begun.mean.shape[-1], np.concatenate([np.zeros((1, 2)), estimator.priors])
-        errors = cuda.device_array((3, len(evaluator.compiled.signals), runs))
+        estimator, (belief, first) = self._estimator(e), begun
+        rows, _, options, bounds = self._compared(e)
+        runs, priors = first.mean.shape[-1], np.concatenate([np.zeros((1, 2)), estimator.priors])
+        errors = cuda.device_array((3, len(estimator.signals), runs))
         per_run = cuda.device_array((10, runs))
         self.estimate_kernels[e](
             runs, simulated.inputs, simulated.measured, simulated.truth, _sent(rows), simulated.left_at,
-            *map(_sent, begun[:3]), _sent(estimator.tuning), _sent(priors), *map(_sent, begun[3:]),
-            _sent(estimator.limits), _sent(options), _sent(estimator.bounds), errors, per_run,
+            *map(_sent, belief[:4]), _sent(priors), *map(_sent, first),
+            _sent(estimator.limits), _sent(options), _sent(bounds), errors, per_run,
         )  # fmt: skip
         return errors, per_run
 
-    def sums(self, e: int, found: tuple[Any, Any]) -> Sums:
+    def sums(self, e: int, on_card: tuple[Any, Any]) -> records.Sums:
         """Return sums that lie on the card."""
-        estimator, evaluator = self._evaluator.compiled.estimators[e], self._evaluator
-        _, unknown, _ = estimator.compared(evaluator.compiled.truth_names, evaluator.first_scored)
-        errors, per_run = (each.copy_to_host() for each in found)
-        if unknown is not None:
-            errors[:, unknown] = np.nan
-        return Sums(errors, per_run)
+        errors, per_run = (each.copy_to_host() for each in on_card)
+        if (without := self._compared(e).without) is not None:
+            errors[:, without] = np.nan
+        return records.Sums(errors, per_run, self._estimator(e).has_covariance)
 
 
 def _sent(array: NDArray[np.generic]) -> Any:

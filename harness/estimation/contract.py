@@ -1,4 +1,4 @@
-"""Estimators at work: compile one for a belief, run it over batches with scores, or step it by hand.
+"""Compiled estimators: for a model that they believe in, run over batches and recordings or stepped by hand.
 
 The contract of a file in ``harness/estimation/methods``:
 
@@ -47,20 +47,16 @@ be used).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Any, cast
 
 import numpy as np
-import scipy
 from numba.core.dispatcher import Dispatcher
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
 from harness.common.arrays import Floats, batches
-from harness.common.cache import ARRAY, kept
 from harness.common.errors import UserError
 from harness.config.roles import ESTIMATORS
 from harness.engine import parameter_loops
@@ -68,58 +64,11 @@ from harness.engine.compile import CompiledModel, load_source, paste
 from harness.engine.kernel_names import INPUT_ERRORS, Belief, Info, State
 from harness.engine.simd.lanes import LANES
 from harness.runner import filter_loop
+from harness.runner.contract import Held, History, InputSeries, Kept, Ports, Record
+from harness.runner.filter_loop import BATCH, RECORDING
+from harness.runner.history import HISTORY, follow_filter
+from harness.runner.records import EverySample, Scoring, Sums
 from harness.runner.scores import SCORES, estimate
-
-NEES_EVERY = 10
-"""Samples between two evaluations of the NEES; neighbouring samples hardly add to it."""
-
-COVERAGE = 0.95
-
-
-@dataclass(frozen=True)
-class Scores:
-    """Scores of runs of one estimator, ``LANES`` of a batch or those of a whole unit.
-
-    Attributes:
-        rmse, bias, max_error: ``(targets, LANES)`` in SI units of the target, up to a divergence; NaN where the
-            estimator does not give the target or there is no truth of it.
-        nees, nis: Averages per step ``(LANES,)``; NaN if the estimator states no covariance.
-        nees_inside, nis_inside: Share of samples inside the two-sided 95 % chi-square region.
-        log_likelihood: Sum over the run; NaN if the estimator states no covariance.
-        repairs: Samples at which a covariance factor had to be repaired.
-        updates: Samples with a measurement.
-        diverged_at: First sample with a state outside its range of validity, or without a score because a target, the
-            NIS or the likelihood is no number; ``samples`` if none.
-        kept: Estimates and standard deviations of the targets ``(samples, 2, targets, LANES)``, if asked for.
-    """
-
-    rmse: Floats
-    bias: Floats
-    max_error: Floats
-    nees: Floats
-    nis: Floats
-    nees_inside: Floats
-    nis_inside: Floats
-    log_likelihood: Floats
-    repairs: Floats
-    updates: Floats
-    diverged_at: Floats
-    kept: Floats | None
-
-
-@dataclass(frozen=True)
-class Sums:
-    """What a loop over time sums up of runs, from which their scores are made.
-
-    Attributes:
-        errors: Of each target ``(3, targets, runs)``; see ``harness.runner.scores.estimate``, also for the next.
-        per_run: ``(10, runs)``. Of several batches both have their axis in front.
-        kept: As in ``Scores``.
-    """
-
-    errors: Floats
-    per_run: Floats
-    kept: Floats | None = None
 
 
 class NoSettings(BaseModel):
@@ -153,20 +102,6 @@ def load_estimator(kind: str) -> SimpleNamespace:
     return SimpleNamespace(**{**DEFAULTS, **vars(ESTIMATORS.load(kind))})
 
 
-class UncertainInputs(NamedTuple):
-    """What an estimator is told of inputs that are not exact.
-
-    Attributes:
-        between: Inputs during the step behind each sample ``(samples, nu, LANES)``.
-        before: What ``m`` independent errors of unit variance do to them ``(samples, nu, m, LANES)``.
-        at: What the same errors do to the inputs at the next sample ``(samples, nu, m, LANES)``.
-    """
-
-    between: Floats
-    before: Floats
-    at: Floats
-
-
 class Estimator:
     """An estimator compiled for the model it believes in.
 
@@ -175,16 +110,17 @@ class Estimator:
         compiled: The belief, with unknown inputs as states and the targets as signals.
         settings: The estimator's settings as in a study.
         folder: Folder of the study, to which files that settings name are relative.
-        uncertain: Whether ``run`` tells it of errors of the inputs.
+        uncertain: Whether it is told what errors of the inputs do.
 
     Attributes:
-        is_random: Whether it begins with random numbers, so that ``init`` needs seeds.
         tuning, priors: As in ``Belief``.
-        limits, bounds: As in ``harness.runner.scores.estimate``.
+        limits: As in ``harness.runner.scores.estimate``.
 
     Raises:
         UserError: If a setting does not fit, or the estimator not the model.
     """
+
+    in_lanes = True
 
     def __init__(
         self,
@@ -195,7 +131,8 @@ class Estimator:
         uncertain: bool = False,
     ) -> None:
         file = load_estimator(kind)
-        self.kind, self.compiled = kind, compiled
+        self.kind, self.compiled, self._file, self._uncertain = kind, compiled, file, uncertain
+        self.ports, self.signals = Ports.of(compiled.model), compiled.signal_names
         self.has_covariance = bool(file.HAS_COVARIANCE)
         if compiled.model.considered and not file.KALMAN_TYPE:
             raise UserError(f"estimator '{kind}' has no gain of a Kalman filter, so it cannot consider parameters")
@@ -221,15 +158,17 @@ class Estimator:
             self._first_memory = partial(file.first_memory, chosen, compiled.nx, compiled.ny)
         else:
             self._memory_size = int(file.memory_size(chosen, compiled))
-        kernels = kernels_of(file, uncertain, parameters=bool(compiled.model.within))
-        self._kernels = load_source(f"estimate_{kind}", paste(compiled, kind, [estimate], kernels | SCORES))
+        scoring = self._made_of(uncertain) | SCORES
+        self._kernels = load_source(f"estimate_{kind}", paste(compiled, kind, [estimate], scoring))
+        self._following: dict[bool, Dispatcher] = {}
         first = compiled.model.start_variance
         sizes = [[first[s], 1.0 if s in compiled.model.relative else first[s]] for s in compiled.model.within]
         self.priors = np.reshape(np.array(sizes, dtype=float), (-1, 2))
         self.limits = compiled.model.limits
-        self.bounds = chi_square_bounds(1 + max(compiled.nx, compiled.ny))
         self._no_errors = np.empty((1, compiled.nu, 0, LANES))
-        self._told: dict[tuple[tuple[str, ...], int], tuple[NDArray[np.int64], NDArray[np.bool_] | None, Floats]] = {}
+
+    def _made_of(self, uncertain: bool) -> dict[Any, Any]:
+        return kernels_of(self._file, uncertain, parameters=bool(self.compiled.model.within))
 
     @property
     def loop(self) -> Dispatcher:
@@ -262,8 +201,8 @@ class Estimator:
 
         Args:
             state: From ``init`` or an earlier ``step``.
-            u_before: Inputs at the previous sample ``(nu, LANES)``.
-            u: Inputs at this sample ``(nu, LANES)``.
+            u_before: InputSeries at the previous sample ``(nu, LANES)``.
+            u: InputSeries at this sample ``(nu, LANES)``.
             y: Measurements at this sample ``(ny, LANES)``; NaN where missing.
             belief: Constants and noise.
         """
@@ -276,56 +215,40 @@ class Estimator:
         return after, info
 
     def belief(self, constants: Floats, process_noise: Floats, measurement_noise: Floats) -> Belief:
-        """Return what the estimator believes, for ``step`` and ``run``; arrays end in ``LANES``."""
+        """Return what the estimator believes, for ``step``; arrays end in ``LANES``."""
         return Belief(constants, process_noise, measurement_noise, self.tuning, priors=self.priors)
 
-    def run(self, *batch: Any, **further: Any) -> Scores:
-        """Run over a batch and return its scores; the arguments are those of ``sums``."""
-        return self.scores(self.sums(*batch, **further))
+    def begin(self, held: Held) -> tuple[Belief, State]:
+        """Return what it believes and its first state as kernels take them."""
+        belief = self.belief(self.compiled.constants(held.values), held.process_noise, held.measurement_noise)
+        variance = held.process_noise if held.first_variance is None else held.first_variance
+        return belief, self.init(held.first, variance, held.seeds)
 
-    def sums(
-        self,
-        inputs: Floats,
-        measurements: Floats,
-        truth: Floats,
-        truth_names: tuple[str, ...],
-        until: Floats,
-        belief: Belief,
-        first: State,
-        keep: bool = False,
-        uncertain: UncertainInputs | None = None,
-        since: int = 0,
-    ) -> Sums:
-        """Run over a batch and sum up what scores are made of while it runs; ``scores`` makes them.
+    def run(self, inputs: InputSeries, measurements: Floats, held: Held, record: Record[Kept]) -> Kept:
+        """Run over batches or a recording, see ``harness.runner.contract.Filter``.
 
-        Of several batches, all that ends in ``LANES`` has their axis in front, but for inputs that all have in common.
-
-        Args:
-            inputs: What the estimator knows ``(samples, nu, LANES)``.
-            measurements: ``(samples, ny, LANES)``; NaN where missing.
-            truth: The plant's signals ``(samples, len(truth_names), LANES)``.
-            truth_names: Their names. A target that is not among them has no score; the NEES needs every state.
-            until: Scores stop before this sample ``(LANES,)``; the truth of every target is a number up to there.
-            belief: From ``belief``.
-            first: From ``init``.
-            keep: Whether to keep the estimates of the targets over time.
-            uncertain: What is not known of the inputs; ``None`` where they are exact.
-            since: Scores begin at this sample.
+        Raises:
+            TypeError: If no kernel records what is asked for.
         """
-        told = (inputs, *(uncertain or UncertainInputs(inputs, self._no_errors, self._no_errors)))
-        if uncertain is not None and uncertain.at.shape[-2]:
-            size = self.compiled.nx + self.compiled.ny
-            belief = belief._replace(input_errors=np.zeros((size, uncertain.at.shape[-2], LANES)))
-        rows, unknown, options = self.compared(truth_names, since)
-        samples, targets, lead = truth.shape[-3], len(self.compiled.signal_names), truth.shape[:-3]
+        belief, first = self.begin(held)
+        if isinstance(record, Scoring):
+            return cast(Kept, self._scored(inputs, measurements, belief, first, record))
+        if isinstance(record, EverySample):
+            return cast(Kept, self._followed(inputs, measurements, belief, first, record))
+        raise TypeError(f"no kernel records {type(record).__name__}")
+
+    def _scored(self, inputs: InputSeries, measurements: Floats, belief: Belief, first: State, record: Scoring) -> Sums:
+        source, belief = self._source(inputs, belief)
+        rows, without, options, bounds = record.compared(self)
+        samples, targets, lead = record.truth.shape[-3], len(self.signals), record.truth.shape[:-3]
         sums, per_run = np.empty((*lead, 3, targets, LANES)), np.empty((*lead, 10, LANES))
-        kept = np.empty((*lead, samples if keep else 0, 2, targets, LANES))
+        kept = np.empty((*lead, samples if record.keep else 0, 2, targets, LANES))
         self._kernels.estimate(
-            tuple(batches(each, dimensions) for each, dimensions in zip(told, (3, 3, 4, 4), strict=True)),
+            tuple(batches(each, dimensions) for each, dimensions in zip(source, (3, 3, 4, 4), strict=True)),
             batches(measurements, 3),
-            batches(truth, 3),
+            batches(record.truth, 3),
             rows,
-            until.reshape(-1, 1, LANES),
+            record.until.reshape(-1, 1, LANES),
             belief._replace(
                 constants=batches(belief.constants, 2),
                 process_noise=batches(belief.process_noise, 2),
@@ -334,57 +257,43 @@ class Estimator:
             State(batches(first.mean, 2), batches(first.covariance, 3), batches(first.memory, 2)),
             self.limits,
             options,
-            self.bounds,
+            bounds,
             batches(sums, 3),
             batches(per_run, 2),
             batches(kept, 4),
         )
-        if unknown is not None:
-            sums[..., unknown, :] = np.nan
-        if keep:
+        if without is not None:
+            sums[..., without, :] = np.nan
+        if record.keep:
             kept[..., ~self.gives, :] = np.nan
-        return Sums(sums, per_run, kept if keep else None)
+        return Sums(sums, per_run, self.has_covariance, kept if record.keep else None)
 
-    def compared(
-        self, truth_names: tuple[str, ...], since: int
-    ) -> tuple[NDArray[np.int64], NDArray[np.bool_] | None, Floats]:
-        """Return what ``harness.runner.scores.estimate`` is told of scores: ``rows`` and ``options``.
+    def _followed(
+        self, inputs: InputSeries, measurements: Floats, belief: Belief, first: State, record: EverySample
+    ) -> History:
+        recorded, history = inputs.effects is not None, record.room(len(measurements), self)
+        if inputs.effects is not None:
+            source: tuple[Any, ...] = (inputs.at, inputs.between, measurements, inputs.effects)
+            belief = belief._replace(input_errors=np.zeros((*inputs.effects.shape[1:], LANES)))
+        else:
+            known, belief = self._source(inputs, belief)
+            source = *known, measurements
+        if recorded not in self._following:
+            reader = (RECORDING if recorded else BATCH) | HISTORY
+            kernels = self._made_of(self._uncertain or recorded) | reader
+            pasted = paste(self.compiled, f"follow_{self.kind}", [follow_filter], kernels)
+            self._following[recorded] = load_source(f"follow_{self.kind}", pasted).follow_filter
+        self._following[recorded](source, belief, first, self.limits, record.rows, tuple(vars(history).values()))
+        return history
 
-        Returns:
-            ``rows``, the targets that have no score (``None`` where all have one), ``options``.
-        """
-        if (truth_names, since) not in self._told:
-            states = self.compiled.model.states
-            rows = np.array(
-                [truth_names.index(n) if n in truth_names else -1 for n in (*states, *self.compiled.signal_names)]
-            )
-            comparable = self.has_covariance and bool(np.all(rows[: len(states)] >= 0))
-            rows[len(states) :][~self.gives] = -1
-            unknown = rows[len(states) :] < 0
-            options = np.array([NEES_EVERY, comparable, self.has_covariance, since], dtype=float)
-            self._told[truth_names, since] = rows, unknown if unknown.any() else None, options
-        return self._told[truth_names, since]
-
-    def scores(self, found: Sums) -> Scores:
-        """Return the scores of any number of runs."""
-        sums, per_run, stated = found.errors, found.per_run, self.has_covariance
-        with np.errstate(invalid="ignore", divide="ignore"):
-            scored, nees_samples, updates = per_run[0], per_run[2], per_run[5]
-            nothing = np.full(per_run.shape[1], np.nan)
-            return Scores(
-                rmse=np.sqrt(sums[0] / scored),
-                bias=sums[1] / scored,
-                max_error=np.where(scored > 0, sums[2], np.nan),
-                nees=per_run[1] / nees_samples if stated else nothing,
-                nees_inside=per_run[3] / nees_samples if stated else nothing,
-                nis=per_run[4] / updates if stated else nothing,
-                nis_inside=per_run[6] / updates if stated else nothing,
-                log_likelihood=per_run[7] if stated else nothing,
-                repairs=per_run[8],
-                updates=updates,
-                diverged_at=per_run[9],
-                kept=found.kept,
-            )
+    def _source(self, inputs: InputSeries, belief: Belief) -> tuple[tuple[Floats, Floats, Floats, Floats], Belief]:
+        """Return inputs of batches as a reader takes them, and a belief with room for what their errors do."""
+        between = inputs.at if inputs.between is None else inputs.between
+        if inputs.errors_between is None or inputs.errors_at is None:
+            return (inputs.at, between, self._no_errors, self._no_errors), belief
+        room = np.zeros((self.compiled.nx + self.compiled.ny, inputs.errors_at.shape[-2], LANES))
+        errors = inputs.errors_between, inputs.errors_at
+        return (inputs.at, between, *errors), belief._replace(input_errors=room)
 
 
 def kernels_of(file: SimpleNamespace, input_errors: bool = False, parameters: bool = False) -> dict[Any, Any]:
@@ -405,17 +314,3 @@ def kernels_of(file: SimpleNamespace, input_errors: bool = False, parameters: bo
         by_gain = parameter_loops.settle_parameters if file.KALMAN_TYPE else parameter_loops.bound_parameters
         kernels[filter_loop.settle] = by_gain
     return kernels
-
-
-def chi_square_bounds(count: int, coverage: float = COVERAGE) -> Floats:
-    """Return two-sided chi-square bounds by degrees of freedom, ``(count, 2)``; row 0 is empty."""
-
-    def made() -> Floats:  # kept: to import scipy.special takes longer than all else that an estimator is built from
-        bounds = np.zeros((count, 2))
-        tail = (1 - coverage) / 2
-        for degrees in range(1, count):  # as scipy.stats, whose import takes longer still
-            bounds[degrees] = 2.0 * scipy.special.gammaincinv(degrees / 2.0, [tail, 1 - tail])
-        return bounds
-
-    bounds: Floats = kept("chi-square-bounds", f"{count} {coverage!r} scipy {scipy.__version__}", made, ARRAY)
-    return bounds

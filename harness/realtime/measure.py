@@ -21,7 +21,7 @@ from harness.config import DesignSpec, Study
 from harness.engine.compile import CompiledModel, load_source, paste
 from harness.engine.kernel_names import Belief, Info, State
 from harness.engine.lane_kinds import in_one_lane
-from harness.estimation.contract import kernels_of, load_estimator
+from harness.estimation.contract import Estimator, kernels_of, load_estimator
 from harness.realtime import timed_loop
 from harness.realtime.outcome import PACES
 from harness.study.design import Unit
@@ -125,13 +125,15 @@ def contestants(study: Study, drive: str, duration: float) -> dict[str, Contesta
             f"{(there - 1) * study.belief.step:g} s of drive '{drive}'"
         )
     unit, case = Unit(0, 0, 0, 0, 1), [Case(0, 0)]
-    batch, believed = evaluator.simulate(unit, case, samples), evaluator.parameters(unit, case, "belief")
+    batch, believed = evaluator.simulate(unit, case, samples), evaluator.held(unit, case, "belief")
     belief, measurements = evaluator.compiled.belief, evaluator.compiled.measured(batch.measurements)
-    inputs = [evaluator.inputs(i, 0, batch, believed)[0] for i in range(len(study.estimators))]
-    return {
-        spec.name: Contestant(spec.kind, belief, *evaluator.begin(i, unit, case, believed), inputs[i], measurements)
-        for i, spec in enumerate(study.estimators)
-    }
+    field = {}
+    for i, (spec, estimator) in enumerate(zip(study.estimators, evaluator.compiled.estimators, strict=True)):
+        assert isinstance(estimator, Estimator)
+        inputs = evaluator.inputs(i, 0, batch, believed).at
+        begin = estimator.begin(evaluator.believed_by(i, unit, case, believed))
+        field[spec.name] = Contestant(spec.kind, belief, *begin, inputs, measurements)
+    return field
 
 
 def measure(

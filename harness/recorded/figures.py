@@ -12,11 +12,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from harness.common.arrays import Floats
-from harness.estimation.contract import chi_square_bounds
 from harness.models.quantities import quantity
 from harness.recorded.summary import outputs_of
 from harness.reporting import style
 from harness.reporting.style import Look, looks
+from harness.runner.records import chi_square_bounds
 
 _PANEL, _LOWEST = 1.6, 1.03
 """Inches per panel, and where that saves a page."""

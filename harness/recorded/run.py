@@ -24,12 +24,13 @@ from harness.config import InputSignal, ModelSpec
 from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
 from harness.estimation.contract import Estimator
-from harness.estimation.history import FollowedEstimator, History
 from harness.identification.data import DriveData
 from harness.identification.innovations import Innovations
 from harness.identification.signal_noise import white_variance
 from harness.models.roles import SENSORS
 from harness.models.signals import TRUTH, signal_attributes
+from harness.runner.contract import Held, History, InputSeries
+from harness.runner.records import EverySample
 from harness.simulation.simulate import in_lanes, variances
 
 Inputs = Literal["joined", "held"]
@@ -185,7 +186,6 @@ class RecordedEstimator:
         self.input_signal = input_signal
         self.model, self.kind, self.settings, self.name = model, kind, dict(settings or {}), name or kind
         self._estimator = Estimator(kind, model.compiled, self.settings, folder)
-        self._followed = FollowedEstimator(kind, model.compiled, recorded=True, input_errors=True)
 
     def run(self, recording: xr.Dataset, seed: int = 0, drive: DriveData | None = None) -> xr.Dataset:
         """Run over a recording.
@@ -234,16 +234,16 @@ class RecordedEstimator:
         references = self.model.reference(recording)
         rows = np.array([compiled.signal_names.index(n) for n in references], dtype=np.int64)
         spec, model = self.model.spec, compiled.model
-        belief = estimator.belief(
-            compiled.constants(in_lanes(compiled.parameter_vector(spec.values))),
+        held = Held(
+            in_lanes(compiled.parameter_vector(spec.values)),
             in_lanes(variances(spec.process_noise, model.states)),
             in_lanes(variances(spec.measurement_noise, list(model.outputs))),
+            self.model.filtered.first_state(drive, self.model.filtered.stated()),
+            drive.first_variance,
+            seeds=[np.random.SeedSequence(seed)] * LANES,
         )
-        belief = belief._replace(input_errors=np.zeros((*drive.effects.shape[1:], LANES)))
-        first_mean = self.model.filtered.first_state(drive, self.model.filtered.stated())
-        first = estimator.init(first_mean, drive.first_variance, [np.random.SeedSequence(seed)] * LANES)
-        source = drive.inputs, drive.between, drive.measurements, drive.effects
-        kept = self._followed.run(source, belief, first, of_state=False, of_signals=True, rows=rows)
+        inputs = InputSeries(drive.inputs, drive.between, effects=drive.effects)
+        kept = estimator.run(inputs, drive.measurements, held, EverySample(of_state=False, of_signals=True, rows=rows))
         return self._dataset(recording, about, drive, references, kept)
 
     def _dataset(

@@ -12,13 +12,13 @@ import xarray as xr
 
 from harness.common.arrays import Floats
 from harness.common.statistics import average_bounds
-from harness.estimation.contract import chi_square_bounds
 from harness.identification.data import DriveData
 from harness.identification.filtered_model import FilterRun
 from harness.identification.whiteness import LAGS, Whiteness, is_white, whiteness
 from harness.models.quantities import listed, quantity, words
 from harness.models.signals import SIGNALS
 from harness.reporting import style
+from harness.runner.records import chi_square_bounds
 
 
 @dataclass(frozen=True)

@@ -270,7 +270,7 @@ def time_of_step(study: Study, rounds: int = 10) -> float:
     evaluator = StudyEvaluator(study)
     unit, cases = Unit(0, 0, 0, 0, 1), [Case(0, 0)] * LANES
     samples = min(_TIMED, len(evaluator.compiled.drives[0].profile.time))
-    batch, believed = evaluator.simulate(unit, cases, samples), evaluator.parameters(unit, cases, "belief")
+    batch, believed = evaluator.simulate(unit, cases, samples), evaluator.held(unit, cases, "belief")
     times = []
     for _ in range(rounds):
         begin = time.thread_time()

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numba.core.dispatcher import Dispatcher
 
 from harness.common.arrays import Floats, batches
 from harness.common.errors import UserError
@@ -17,7 +17,7 @@ from harness.models.assembly.assemble import Model
 from harness.models.contracts import Profile
 from harness.models.roles import SENSORS
 from harness.models.signals import TRUTH, signal_attributes
-from harness.runner.limits import LARGEST
+from harness.runner.contract import Batch, Held, InputSeries, Ports, Signals
 from harness.runner.simulation_loop import SIMULATION, simulate
 
 if TYPE_CHECKING:
@@ -26,82 +26,65 @@ if TYPE_CHECKING:
     from harness.config import ModelSpec
 
 
-@dataclass(frozen=True)
-class Batch:
-    """Simulated runs of one drive, ``LANES`` at a time; of several batches every array has their axis in front.
-
-    Attributes:
-        truth: Signals asked for, ``(samples, ns, LANES)``.
-        measurements: Noisy outputs, ``(samples, ny, LANES)``.
-        left_at: First sample at which the plant is outside its range of validity or out of control, or a signal that is
-            needed is no number, ``(LANES,)``; ``samples`` if there is none.
-        input_errors: By which inputs are off as estimators get them, by signal ``(samples, LANES)``; others are exact.
-    """
-
-    truth: Floats
-    measurements: Floats
-    left_at: Floats
-    input_errors: dict[str, Floats] = field(default_factory=dict)
-
-
-class Simulator:
-    """A compiled plant and the loop over time around it.
+class CompiledSimulator:
+    """A plant of equations as kernels (``harness.runner.contract.Simulator``).
 
     Args:
-        compiled: The plant.
-        needed: Signals without which a run is worth nothing: it ends where one of them is no number.
-        within: Largest magnitude of further signals, with which a run ends as well.
+        model: The equations.
+        step: Sample time in s.
+        integrator, substeps: As ``harness.engine.compile.compile_model`` takes them.
     """
 
-    def __init__(
-        self, compiled: CompiledModel, needed: Sequence[str] = (), within: Mapping[str, float] | None = None
-    ) -> None:
-        self.compiled = compiled
-        limits = dict.fromkeys(needed, LARGEST) | dict(within or {})
-        self.largest = np.array([limits.get(name, 0.0) for name in compiled.signal_names])
-        source = paste(compiled, "simulate", [simulate], SIMULATION)
-        self.loop = load_source("simulate", source).simulate
-        self.limits = compiled.model.limits
+    in_lanes = is_differentiable = True
 
-    def run(
-        self,
-        inputs: Floats,
-        constants: Floats,
-        variance_x: Floats,
-        variance_y: Floats,
-        noise: Floats,
-        x0: Floats,
-        between: Floats | None = None,
-    ) -> Batch:
-        """Simulate ``LANES`` runs, or several batches of them: then all but the inputs have their axis in front.
+    def __init__(self, model: Model, step: float = 0.01, integrator: str = "euler", substeps: int = 1) -> None:
+        self.model, self._options = model, (step, integrator, substeps)
+        self.ports = Ports.of(model)
+        self.loops: dict[tuple[str, ...], Dispatcher] = {}
+        self._compiled: dict[tuple[str, ...], CompiledModel] = {}
 
-        Args:
-            inputs: ``(samples, nu, LANES)``.
-            constants: From ``CompiledModel.constants``, ``(nc, LANES)``.
-            variance_x: Process noise per step, ``(nx, LANES)``.
-            variance_y: Measurement noise per sample, ``(ny, LANES)``.
-            noise: Standard normal numbers, ``(samples, nx + ny, LANES)``.
-            x0: First state, ``(nx, LANES)``.
-            between: Inputs during the step behind each sample, ``(samples, nu, LANES)``; by default the sample's.
-        """
-        samples, lead = inputs.shape[0], noise.shape[:-3]
-        truth = np.empty((*lead, samples, len(self.compiled.signal_names), LANES))
-        y = np.empty((*lead, samples, self.compiled.ny, LANES))
-        left = np.empty((*lead, LANES))
-        self.loop(
-            (inputs, inputs if between is None else between),
-            batches(constants, 2),
-            batches(np.sqrt(variance_x), 2),
-            batches(np.sqrt(variance_y), 2),
-            self.limits,
-            self.largest,
-            batches(x0, 2),
+    @classmethod
+    def of(cls, spec: ModelSpec) -> CompiledSimulator:
+        """Return the plant of a study."""
+        return cls(spec.model(), spec.step, spec.integrator, spec.substeps)
+
+    def compiled(self, record: Signals) -> CompiledModel:
+        """Return its kernels with the signals that are recorded."""
+        if record.names not in self._compiled:
+            self._compiled[record.names] = compile_model(self.model, *self._options, record.names)
+        return self._compiled[record.names]
+
+    def loop(self, record: Signals) -> Dispatcher:
+        """Return the compiled loop over time."""
+        if record.names not in self.loops:
+            source = paste(self.compiled(record), "simulate", [simulate], SIMULATION)
+            self.loops[record.names] = load_source("simulate", source).simulate
+        return self.loops[record.names]
+
+    def run(self, inputs: InputSeries, held: Held, noise: Floats, record: Signals) -> Batch:
+        """Simulate ``LANES`` runs, or several batches of them, see ``harness.runner.contract.Simulator``."""
+        samples, lead, ports = inputs.at.shape[0], noise.shape[:-3], self.ports
+        truth = np.empty((*lead, samples, len(record.names), LANES))
+        y, left_at = np.empty((*lead, samples, len(ports.outputs), LANES)), np.empty((*lead, LANES))
+        self.loop(record)(
+            (inputs.at, inputs.at if inputs.between is None else inputs.between),
+            batches(self.compiled(record).constants(held.values), 2),
+            batches(np.sqrt(held.process_noise), 2),
+            batches(np.sqrt(held.measurement_noise), 2),
+            self.model.limits,
+            largest(record),
+            batches(held.first, 2),
             batches(noise, 3),
             batches(truth, 3),
             batches(y, 3),
-            left.reshape(-1, 1, LANES),
+            left_at.reshape(-1, 1, LANES),
         )
-        return Batch(truth, y, left)
+        return Batch(truth, y, left_at)
+
+
+def largest(record: Signals) -> Floats:
+    """Return the largest magnitude of each signal that is recorded, zero where it may be anything ``(ns,)``."""
+    return np.array([record.largest.get(name, 0.0) for name in record.names])
 
 
 def input_table(profile: Profile, model: Model, elsewhere: Sequence[str] = ()) -> Floats:
@@ -115,7 +98,7 @@ def input_table(profile: Profile, model: Model, elsewhere: Sequence[str] = ()) -
     """
     step = float(profile.time[1] - profile.time[0])
     names, rates = model.inputs, model.rates
-    known: dict[str, Floats] = {
+    signals: dict[str, Floats] = {
         **{name: np.full(len(profile.time), value) for name, value in model.otherwise.items()},
         "steering_wheel_angle": profile.steering_wheel_angle,
         "speed": profile.speed,
@@ -123,15 +106,15 @@ def input_table(profile: Profile, model: Model, elsewhere: Sequence[str] = ()) -
         **profile.further,
     }
     for rate, source in rates.items():
-        if source in known:
-            known[rate] = forward_difference(known[source], step)
-    known |= {name: np.full(len(profile.time), np.nan) for name in elsewhere}
-    missing = [n for n in names if n not in known]
+        if source in signals:
+            signals[rate] = forward_difference(signals[source], step)
+    signals |= {name: np.full(len(profile.time), np.nan) for name in elsewhere}
+    missing = [n for n in names if n not in signals]
     if missing:
         raise UserError(
-            f"a simulated drive has no input '{missing[0]}', a recording may{closest(missing[0], sorted(known))}"
+            f"a simulated drive has no input '{missing[0]}', a recording may{closest(missing[0], sorted(signals))}"
         )
-    return np.column_stack([known[n] for n in names]) if names else np.empty((len(profile.time), 0))
+    return np.column_stack([signals[n] for n in names]) if names else np.empty((len(profile.time), 0))
 
 
 def straight(table: Floats, model: Model) -> tuple[Floats, Floats]:
@@ -171,9 +154,9 @@ def forward_difference(values: Floats, step: float) -> Floats:
 
 def halfway(values: Floats) -> Floats:
     """Return the mean of each sample and the next; the last one as it is."""
-    found = values.copy()
-    found[:-1] = 0.5 * (values[:-1] + values[1:])
-    return found
+    middles = values.copy()
+    middles[:-1] = 0.5 * (values[:-1] + values[1:])
+    return middles
 
 
 def first_state(model: Model, parameters: Floats, profile: Profile) -> Floats:
@@ -227,25 +210,16 @@ def simulate_drive(
     model = spec.model()
     outputs = list(model.outputs)
     wanted = tuple(dict.fromkeys([*model.states, *signals, *SENSORS.load(spec.sensors).OUTPUTS.values()]))
-    compiled = compile_model(model, spec.step, spec.integrator, spec.substeps, wanted)
-    simulator = Simulator(compiled)
+    simulator = CompiledSimulator.of(spec)
     table = input_table(profile, model)
     at, between = (table, table) if held else straight(table, model)
-    samples = len(table)
-    noise = np.zeros((samples, compiled.nx + compiled.ny, LANES))
+    samples, width = len(table), len(model.states) + len(outputs)
+    noise = np.zeros((samples, width, LANES))
     if seed is not None:
         rng = np.random.default_rng(np.random.SeedSequence(seed))
-        noise[:] = rng.standard_normal((samples, compiled.nx + compiled.ny))[..., None]
-    parameters = in_lanes(compiled.parameter_vector(spec.values))
-    constants = compiled.constants(parameters)
+        noise[:] = rng.standard_normal((samples, width))[..., None]
     batch = simulator.run(
-        in_lanes(at),
-        constants,
-        in_lanes(variances(spec.process_noise, model.states)),
-        in_lanes(variances(spec.measurement_noise, outputs)),
-        noise,
-        first_state(model, parameters, profile),
-        in_lanes(between),
+        InputSeries(in_lanes(at), in_lanes(between)), as_stated(spec, profile), noise, Signals(wanted)
     )
     if batch.left_at[0] < samples:
         raise UserError(
@@ -265,6 +239,15 @@ def simulate_drive(
         "seed": "none" if seed is None else seed,
     }
     return dataset
+
+
+def as_stated(spec: ModelSpec, profile: Profile) -> Held:
+    """Return what a model holds as it is stated, on a drive, the same in all lanes."""
+    model = spec.model()
+    values = in_lanes(np.array([float(spec.values[n]) for n in model.parameter_names]))
+    noise = in_lanes(variances(spec.process_noise, model.states))
+    sensors = in_lanes(variances(spec.measurement_noise, list(model.outputs)))
+    return Held(values, noise, sensors, first_state(model, values, profile))
 
 
 def variances(noise: Mapping[str, float], names: Sequence[str]) -> Floats:

@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from harness.common.arrays import Floats
 from harness.common.errors import ModelError, UserError
-from harness.config import ModelSpec, Study
-from harness.config.bounds import loading
+from harness.config import NOISE_SCALES, DesignSpec, ModelSpec, Study
+from harness.config.bounds import loading, settled
 from harness.engine.compile import CompiledModel, compile_model
-from harness.estimation.contract import Estimator, Scores
+from harness.engine.simd.lanes import LANES
+from harness.estimation.contract import Estimator
 from harness.models.assembly.assemble import Model
 from harness.models.assembly.parameter_states import true_states
 from harness.models.contracts import DRIVE_INPUTS, Profile
 from harness.models.drives._shapes import lateral_acceleration
 from harness.models.quantities import listed
+from harness.runner.contract import Batch, Filter, Held, Signals, Simulator
+from harness.runner.limits import LARGEST
+from harness.runner.records import Scores
 from harness.simulation.drives import context_of, profile_of
-from harness.simulation.simulate import Batch, Simulator, in_lanes, input_table
-from harness.study.design import RunParameters
+from harness.simulation.simulate import CompiledSimulator, first_state, in_lanes, input_table
 
 
 def truth_names(belief: ModelSpec) -> tuple[str, ...]:
@@ -29,18 +34,87 @@ def truth_names(belief: ModelSpec) -> tuple[str, ...]:
     return (*model.within, *model.estimated)
 
 
-def parameter_truth(plant: ModelSpec, belief: ModelSpec, driven: RunParameters, believed: RunParameters) -> Floats:
+def parameter_truth(plant: ModelSpec, belief: ModelSpec, driven: Held, believed: Held) -> Floats:
     """Return the plant's parameters as the belief has them among its states, ``(len(truth_names), runs)``.
 
     NaN where the plant has no such parameter.
     """
-    names, model = truth_names(belief), belief.model()
-    found = np.full((len(names), len(driven.values)), np.nan)
-    for run, (true, held) in enumerate(zip(driven.values, believed.values, strict=True)):
+    names = truth_names(belief)
+    rows = [in_a_row(held.values, 2).T for held in (driven, believed)]
+    truth = np.full((len(names), len(rows[0])), np.nan)
+    for run, (true, held) in enumerate(zip(*rows, strict=True)):
         of_plant, of_belief = _all(plant, true), _all(belief, held)
-        known = of_plant | true_states(belief.parameter_states, of_plant, of_belief)
-        found[:, run] = [known.get(name, np.nan) for name in (*model.within, *model.estimated)]
-    return found
+        values = of_plant | true_states(belief.parameter_states, of_plant, of_belief)
+        truth[:, run] = [values.get(name, np.nan) for name in names]
+    return truth
+
+
+def held_by(
+    spec: ModelSpec, design: DesignSpec, side: Literal["plant", "belief"], values: Floats, profile: Profile
+) -> Held:
+    """Return what a model holds at given points of a design.
+
+    Args:
+        spec: ``study.plant`` or ``study.belief``.
+        design: The design the points belong to.
+        side: Which of the two ``spec`` is.
+        values: Points of the design, shape ``(run, factor)``, e.g. ``points.values[band, samples]``; whole batches.
+        profile: The drive, which says where states start.
+    """
+    model, runs = spec.model(), len(values)
+    names = model.parameter_names
+    parameters = np.tile([spec.values[n] for n in names], (runs, 1)).reshape(runs, len(names))
+    process = np.tile([spec.process_noise[s] for s in model.states], (runs, 1))
+    measurement = np.tile([spec.measurement_noise[o] for o in model.outputs], (runs, 1))
+    inputs = np.tile(list(spec.input_noise.values()), (runs, 1))
+    scaled = dict(zip(NOISE_SCALES, (process, measurement, inputs), strict=True))
+    varied: dict[str, Floats] = {}
+    for column, factor in enumerate(design.factors):
+        if factor.of not in (side, "both"):
+            continue
+        if factor.parameter in scaled:
+            scaled[factor.parameter] *= values[:, column, None]
+        else:
+            varied[factor.parameter] = values[:, column]
+    for name, changed in settled(spec.vehicle, spec.values, varied).items():
+        parameters[:, names.index(name)] = changed
+    first = first_state(model, parameters.T, profile).T
+    parts = (in_batches(rows) for rows in (parameters, process, measurement, first, inputs))
+    values_, process_, measurement_, first_, inputs_ = parts
+    return Held(values_, process_, measurement_, first_, input_noise=inputs_)
+
+
+def scale_noise(believed: Held, belief: ModelSpec, factors: Mapping[str, float]) -> Held:
+    """Return what one estimator believes after tuning: variances multiplied by the factor of their group.
+
+    Args:
+        believed: What the belief holds.
+        belief: The belief; its unknown inputs are a group of their own.
+        factors: By ``NOISE_GROUPS``; a group that is absent stays as it is.
+    """
+    if not factors:
+        return believed
+    groups = ["unknown_inputs" if s in belief.unknown_inputs else "process" for s in belief.model().states]
+    return replace(
+        believed,
+        process_noise=believed.process_noise * np.array([factors.get(group, 1.0) for group in groups])[:, None],
+        measurement_noise=believed.measurement_noise * factors.get("measurement", 1.0),
+    )
+
+
+def in_batches(rows: Floats) -> Floats:
+    """Return numbers of runs ``(runs, n)`` as kernels take them: ``(n, LANES)``, of more ``(batches, n, LANES)``."""
+    if len(rows) == LANES:
+        return np.ascontiguousarray(rows.T)
+    return np.ascontiguousarray(rows.reshape(len(rows) // LANES, LANES, rows.shape[1]).transpose(0, 2, 1))
+
+
+def in_a_row(values: Floats, dimensions: int) -> Floats:
+    """Return numbers of batches ``(..., LANES)``, of so many dimensions each, with all runs behind each other."""
+    if values.ndim == dimensions:
+        return values
+    runs = len(values) * values.shape[-1]
+    return values.transpose(*range(1, dimensions), 0, dimensions).reshape(*values.shape[1:-1], runs)
 
 
 def _all(spec: ModelSpec, row: Floats) -> dict[str, float]:
@@ -57,7 +131,7 @@ class DriveInputs:
     """A drive ready to run.
 
     Attributes:
-        profile: Inputs over time.
+        profile: InputSeries over time.
         plant: As the plant reads them, ``(samples, nu, LANES)``.
         belief: What the estimators know, ``(samples, nu, LANES)``; NaN for what the plant supplies.
     """
@@ -75,14 +149,15 @@ class CompiledStudy:
 
     Attributes:
         signals: What the estimators tell of: targets first, then unknown inputs and what is drawn over time.
-        supplied: Inputs of the belief that come from the vehicle itself, see ``supplied_inputs``.
+        supplied: InputSeries of the belief that come from the vehicle itself, see ``supplied_inputs``.
         drives: In the order of the study.
         plant: The compiled plant; its signals are all that scores and estimators need of it, and its slip angles.
         truth_names: What is known of a simulated run: the plant's signals, then its parameters as the belief has them.
         belief: The compiled model that the estimators hold for true.
-        simulator: Of the plant.
+        simulator: The plant.
+        recorded: What is recorded of it.
         measured_rows: Of the plant's outputs, those that the belief has, in its order.
-        estimators: In the order of the study.
+        estimators: In the order of the study; like the plant, any that fulfils ``harness.runner.contract``.
 
     Raises:
         UserError, ModelError: If a drive, model or estimator cannot be built.
@@ -93,20 +168,24 @@ class CompiledStudy:
         drawn = [name for history in study.history for name in history.signals]
         unknown = (*study.belief.unknown_inputs, *study.belief.estimated_parameters)
         self.signals = tuple(dict.fromkeys([*study.targets, *unknown, *drawn]))  # scored first
-        known = {*plant_model.states, *plant_model.inputs, *plant_model.ports}
+        published = {*plant_model.states, *plant_model.inputs, *plant_model.ports}
         self.supplied = supplied_inputs(plant_model, belief_model)
-        states = (s for s in belief_model.states if s in known)
+        states = (s for s in belief_model.states if s in published)
         exact = [name for name in self.supplied if name not in plant_model.outputs]
         sliding = plant_model.largest_slip_angles
-        watched = tuple(dict.fromkeys([*states, *exact, *(s for s in self.signals if s in known), *sliding]))
+        watched = tuple(dict.fromkeys([*states, *exact, *(s for s in self.signals if s in published), *sliding]))
         self.drives = [self._drive(study, i) for i in range(len(study.drives))]
         self.plant = _compile(study.plant, watched)
         self.belief = _compile(study.belief, self.signals)
         self.truth_names = (*self.plant.signal_names, *truth_names(study.belief))
-        self.simulator = Simulator(self.plant, [*study.targets, *exact], sliding)
+        self.simulator: Simulator = CompiledSimulator.of(study.plant)
+        needed = dict.fromkeys([*study.targets, *exact], LARGEST)
+        self.recorded = Signals(self.plant.signal_names, needed | sliding)
         self.measured_rows = [list(plant_model.outputs).index(name) for name in belief_model.outputs]
         uncertain = bool(study.belief.input_noise)
-        self.estimators = [Estimator(e.kind, self.belief, e.settings, e.base, uncertain) for e in study.estimators]
+        self.estimators: list[Filter] = [
+            Estimator(e.kind, self.belief, e.settings, e.base, uncertain) for e in study.estimators
+        ]
 
     def _drive(self, study: Study, index: int) -> DriveInputs:
         profile = profile_of(study.plant, study.drives[index])
@@ -124,7 +203,7 @@ class CompiledStudy:
 
     def measured(self, measurements: Floats) -> Floats:
         """Return the measurements that the belief has outputs for, in their order, ``(..., samples, ny, LANES)``."""
-        if self.measured_rows == list(range(self.plant.ny)):
+        if self.measured_rows == list(range(len(self.simulator.ports.outputs))):
             return measurements
         return np.ascontiguousarray(measurements[..., self.measured_rows, :])
 
@@ -137,13 +216,13 @@ class CompiledStudy:
         if not self.supplied:
             return inputs
         inputs = np.broadcast_to(inputs, (*batch.truth.shape[:-3], *inputs.shape)).copy()
-        outputs = list(self.plant.model.outputs)
+        outputs = list(self.simulator.ports.outputs)
         for name in self.supplied:
             column = self.belief.model.inputs.index(name)
             if name in outputs:
                 inputs[..., column, :] = batch.measurements[..., outputs.index(name), :]
             else:
-                inputs[..., column, :] = batch.truth[..., self.plant.signal_names.index(name), :]
+                inputs[..., column, :] = batch.truth[..., self.recorded.names.index(name), :]
         return inputs
 
     def first_variance(self, process: Floats) -> Floats:

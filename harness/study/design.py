@@ -19,16 +19,14 @@ estimator sees the same runs.
 from __future__ import annotations
 
 import importlib.metadata
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from harness.common.cache import ARRAY, kept
-from harness.config import NOISE_SCALES, DesignSpec, FactorSpec, ModelSpec, Study
-from harness.config.bounds import settled
+from harness.config import DesignSpec, FactorSpec, Study
 
 RUNS_PER_UNIT = 64
 """Most runs of a unit of a design that is not large."""
@@ -62,28 +60,6 @@ class DesignPoints:
     lower: NDArray[np.float64]
     upper: NDArray[np.float64]
     band_labels: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class RunParameters:
-    """What one model holds in a series of runs, one row each.
-
-    Attributes:
-        values: Parameters in the order of ``model().parameter_names``, shape ``(run, np)``.
-        process_noise: Variances per step in the order of the states, shape ``(run, nx)``.
-        measurement_noise: Variances per sample in the order of the outputs, shape ``(run, ny)``.
-        input_noise: Variances per sample in the order of ``ModelSpec.input_noise``, shape ``(run, noisy inputs)``.
-    """
-
-    values: NDArray[np.float64]
-    process_noise: NDArray[np.float64]
-    measurement_noise: NDArray[np.float64]
-    input_noise: NDArray[np.float64]
-
-    def of(self, runs: slice) -> RunParameters:
-        """Return those of some of the runs."""
-        noise = self.process_noise[runs], self.measurement_noise[runs], self.input_noise[runs]
-        return RunParameters(self.values[runs], *noise)
 
 
 @dataclass(frozen=True, order=True)
@@ -144,15 +120,15 @@ def saltelli_points(samples: int, dimensions: int, seed: int) -> NDArray[np.floa
         seed: Seed of the scrambling.
     """
 
-    def drawn() -> NDArray[np.float64]:
+    def made() -> NDArray[np.float64]:
         from SALib.sample import sobol
 
         names = [str(i) for i in range(dimensions)]
         box = {"num_vars": dimensions, "names": names, "bounds": [[0.0, 1.0]] * dimensions}
-        found = sobol.sample(box, samples, calc_second_order=False, scramble=True, seed=np.random.default_rng(seed))
-        return np.asarray(found, dtype=np.float64)
+        drawn = sobol.sample(box, samples, calc_second_order=False, scramble=True, seed=np.random.default_rng(seed))
+        return np.asarray(drawn, dtype=np.float64)
 
-    return _kept(drawn, "SALib", f"saltelli {samples} {dimensions} {seed}", samples * (dimensions + 2) * dimensions)
+    return _kept(made, "SALib", f"saltelli {samples} {dimensions} {seed}", samples * (dimensions + 2) * dimensions)
 
 
 def scrambled_points(samples: int, dimensions: int, seed: int) -> NDArray[np.float64]:
@@ -237,56 +213,6 @@ def _nominal_and_edges(
     for i in range(count):
         values[:, 1 + 2 * i, i], values[:, 2 + 2 * i, i] = lower[:, i], upper[:, i]
     return values
-
-
-def run_parameters(
-    spec: ModelSpec, design: DesignSpec, side: Literal["plant", "belief"], values: NDArray[np.float64]
-) -> RunParameters:
-    """Return what a model holds at given points of a design.
-
-    Args:
-        spec: ``study.plant`` or ``study.belief``.
-        design: The design the points belong to.
-        side: Which of the two ``spec`` is.
-        values: Points of the design, shape ``(run, factor)``, e.g. ``points.values[band, samples]``.
-    """
-    model, runs = spec.model(), len(values)
-    names = model.parameter_names
-    parameters = np.tile([spec.values[n] for n in names], (runs, 1)).reshape(runs, len(names))
-    process = np.tile([spec.process_noise[s] for s in model.states], (runs, 1))
-    measurement = np.tile([spec.measurement_noise[o] for o in model.outputs], (runs, 1))
-    inputs = np.tile(list(spec.input_noise.values()), (runs, 1))
-    scaled = dict(zip(NOISE_SCALES, (process, measurement, inputs), strict=True))
-    varied: dict[str, NDArray[np.float64]] = {}
-    for column, factor in enumerate(design.factors):
-        if factor.of not in (side, "both"):
-            continue
-        if factor.parameter in scaled:
-            scaled[factor.parameter] *= values[:, column, None]
-        else:
-            varied[factor.parameter] = values[:, column]
-    for name, changed in settled(spec.vehicle, spec.values, varied).items():
-        parameters[:, names.index(name)] = changed
-    return RunParameters(parameters, process, measurement, inputs)
-
-
-def scale_noise(believed: RunParameters, belief: ModelSpec, factors: Mapping[str, float]) -> RunParameters:
-    """Return what one estimator believes after tuning: variances multiplied by the factor of their group.
-
-    Args:
-        believed: What the belief holds.
-        belief: The belief; its unknown inputs are a group of their own.
-        factors: By ``NOISE_GROUPS``; a group that is absent stays as it is.
-    """
-    if not factors:
-        return believed
-    groups = ["unknown_inputs" if s in belief.unknown_inputs else "process" for s in belief.model().states]
-    return RunParameters(
-        believed.values,
-        believed.process_noise * np.array([factors.get(group, 1.0) for group in groups]),
-        believed.measurement_noise * factors.get("measurement", 1.0),
-        believed.input_noise,
-    )
 
 
 def units(study: Study, design: DesignSpec) -> list[Unit]:

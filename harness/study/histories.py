@@ -6,8 +6,8 @@ import numpy as np
 import xarray as xr
 
 from harness.config import HistorySpec
-from harness.estimation.contract import Scores
-from harness.simulation.simulate import Batch
+from harness.runner.contract import Batch
+from harness.runner.records import Scores
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
 from harness.study.run_noise import Case
@@ -28,10 +28,10 @@ def _history(evaluator: StudyEvaluator, wanted: HistorySpec) -> xr.Dataset:
     design = next(i for i, d in enumerate(study.designs) if d.name == wanted.design)
     unit = Unit(design, wanted.band, names.index(wanted.drive), wanted.sample, wanted.sample + 1)
     case = [Case(wanted.sample, wanted.repeat)]
-    batch, believed = evaluator.simulate(unit, case), evaluator.parameters(unit, case, "belief")
+    batch, believed = evaluator.simulate(unit, case), evaluator.held(unit, case, "belief")
     runs = [evaluator.estimate(e, unit, case, batch, believed, keep=True) for e in range(len(compiled.estimators))]
     shown = list(dict.fromkeys([*study.targets, *study.belief.unknown_inputs, *wanted.signals]))
-    truth, kept, left = _over_time(evaluator, shown, batch, runs)
+    truth, kept, gone = _over_time(evaluator, shown, batch, runs)
     drive = compiled.drives[unit.drive]
     dataset = xr.Dataset(
         {
@@ -48,8 +48,8 @@ def _history(evaluator: StudyEvaluator, wanted: HistorySpec) -> xr.Dataset:
     measurements = compiled.measured(batch.measurements)
     for i, output in enumerate(compiled.belief.model.outputs):
         if output in shown:  # sensors name an output after what it measures
-            values = np.where(left, np.nan, measurements[:, i, 0])
-            dataset[f"measured_{output}"] = ("time", values, {"variance": believed.measurement_noise[0, i]})
+            values = np.where(gone, np.nan, measurements[:, i, 0])
+            dataset[f"measured_{output}"] = ("time", values, {"variance": believed.measurement_noise[i, 0]})
     stated = [e.has_covariance for e in compiled.estimators]
     dataset["std"] = dataset["std"].where(xr.DataArray(stated, dims="estimator"))
     for i, name in enumerate(compiled.plant.model.inputs):
@@ -72,7 +72,7 @@ def _history(evaluator: StudyEvaluator, wanted: HistorySpec) -> xr.Dataset:
 def _over_time(
     evaluator: StudyEvaluator, shown: list[str], batch: Batch, runs: list[Scores]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return truth ``(samples, shown)``, estimates and deviations ``(samples, estimator, 2, shown)``, and what is left.
+    """Return truth ``(samples, shown)``, estimates and deviations ``(samples, estimator, 2, shown)``, and what is gone.
 
     The last is true from the sample on at which the plant leaves its range.
     """
@@ -84,7 +84,7 @@ def _over_time(
     places = [compiled.signals.index(name) for name in shown]
     kept = np.stack([r.kept[:, :, places, 0] for r in runs if r.kept is not None], axis=1)
     sample = np.arange(len(kept))[:, None]
-    left = sample[:, 0] >= batch.left_at[0]
-    kept[(sample >= [r.diverged_at[0] for r in runs]) | left[:, None]] = np.nan
-    truth[left] = np.nan
-    return truth, kept, left
+    gone = sample[:, 0] >= batch.left_at[0]
+    kept[(sample >= [r.diverged_at[0] for r in runs]) | gone[:, None]] = np.nan
+    truth[gone] = np.nan
+    return truth, kept, gone

@@ -7,7 +7,6 @@ code, packages and processor are the same. What an estimator holds between the s
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -21,15 +20,14 @@ from numpy.typing import NDArray
 from harness.common.arrays import Floats
 from harness.config import Study
 from harness.config.alone import Change, alone
-from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import Scores, UncertainInputs
-from harness.estimation.history import FollowedEstimator
 from harness.models.assembly.plan import Plan, Planner
 from harness.models.roles import VEHICLES
 from harness.models.signals import signal_attributes
-from harness.simulation.simulate import Batch, Simulator
-from harness.study.design import RunParameters, Unit, points, run_parameters
+from harness.runner.contract import Batch, Held, InputSeries, Signals
+from harness.runner.records import EverySample, Scores
+from harness.study.compiled_study import held_by
+from harness.study.design import Unit, points
 from harness.study.evaluate import StudyEvaluator
 from harness.study.motion import dead_reckoned, motion, published
 from harness.study.replayed import OverTime, dataset
@@ -50,8 +48,8 @@ class Place:
     @property
     def unit(self) -> Unit:
         """The run as a piece of work."""
-        one = self.sample, self.sample + 1, self.repeat, self.repeat + 1
-        return Unit(self.design, self.band, self.drive, *one)
+        run = self.sample, self.sample + 1, self.repeat, self.repeat + 1
+        return Unit(self.design, self.band, self.drive, *run)
 
 
 @dataclass(frozen=True)
@@ -100,8 +98,6 @@ class Replayer:
     def __init__(self, study: Study, workers: int | None = None) -> None:
         self.study, self.evaluator = study, StudyEvaluator(study)
         self._pool = ThreadPoolExecutor(workers)
-        self._followed: dict[str, FollowedEstimator] = {}
-        self._lock = threading.Lock()
         self._points = [points(study, d).values for d in study.designs]
 
     @cached_property
@@ -110,11 +106,9 @@ class Replayer:
         return Planner(self.study.plant.model(), VEHICLES.load(self.study.plant.vehicle))
 
     @cached_property
-    def _watching(self) -> Simulator:
-        """The plant with all that it publishes."""
-        spec, own = self.study.plant, self.evaluator.compiled.simulator
-        compiled = compile_model(spec.model(), spec.step, spec.integrator, spec.substeps, published(spec.model()))
-        return Simulator(compiled, within=dict(zip(own.compiled.signal_names, own.largest, strict=True)))
+    def _watched_signals(self) -> Signals:
+        """All that the plant publishes."""
+        return Signals(published(self.study.plant.model()), self.evaluator.compiled.recorded.largest)
 
     def alone(self, place: Place, changes: Sequence[Change] = ()) -> Study:
         """Return a run as a study of its own, see ``harness.config.alone``.
@@ -154,96 +148,80 @@ class Replayer:
         own = self.alone(place, changes)
         factors = own.designs[0]
         row = np.array([[f.lower[0] for f in factors.factors]] * LANES).reshape(LANES, -1)
-        plant, believed = (
-            run_parameters(own.plant, factors, "plant", row),
-            run_parameters(own.belief, factors, "belief", row),
-        )
+        profile = self.evaluator.compiled.drives[unit.drive].profile
+        plant = held_by(own.plant, factors, "plant", row, profile)
+        believed = held_by(own.belief, factors, "belief", row, profile)
         batch = self.evaluator.simulate(unit, case, plant=plant, believed=believed)
         scored = [self._pool.submit(self._scores, e, place, batch, believed) for e in chosen]
-        kept_ = [self._pool.submit(self._follow, e, place, batch, believed) for e in chosen] if innovations else []
-        over_time = [job.result() for job in kept_] or [()] * len(chosen)
-        found = [OverTime(job.result(), *kept) for job, kept in zip(scored, over_time, strict=True)]
+        followed = [self._pool.submit(self._follow, e, place, batch, believed) for e in chosen] if innovations else []
+        over_time = [job.result() for job in followed] or [()] * len(chosen)
+        runs = [OverTime(job.result(), *kept) for job, kept in zip(scored, over_time, strict=True)]
         result = self.evaluator.pending(unit)
-        for e, run in zip(chosen, found, strict=True):
+        for e, run in zip(chosen, runs, strict=True):
             self.evaluator.enter(result, unit, e, batch.left_at[:1], run.scores)
         scores = {name: values[0, 0, list(chosen)] for name, values in result.items() if name != LOST_CONTROL}
-        data = dataset(self.evaluator, unit, batch, believed, dict(zip(chosen, found, strict=True)))
-        held = dict(zip(own.plant.model().parameter_names, map(float, plant.values[0]), strict=True))
+        data = dataset(self.evaluator, unit, batch, believed, dict(zip(chosen, runs, strict=True)))
+        held = dict(zip(own.plant.model().parameter_names, map(float, plant.values[:, 0]), strict=True))
         seen, plan, moves = self._watched(unit, case, plant, held) if everything else (None, None, None)
         paths = self._paths(unit, chosen, batch, believed, data) if everything and innovations else {}
         return Replayed(place, own, chosen, scores, data, held, seen, plan, moves, paths)
 
     def _paths(
-        self, unit: Unit, chosen: Sequence[int], batch: Batch, believed: RunParameters, data: xr.Dataset
+        self, unit: Unit, chosen: Sequence[int], batch: Batch, believed: Held, data: xr.Dataset
     ) -> dict[str, tuple[Floats, Floats]]:
         """Return where each estimator would be by what it estimates."""
         model, held = self.evaluator.compiled.belief.model, {}
-        values = dict(zip(model.parameter_names, believed.values[0], strict=True))
+        values = dict(zip(model.parameter_names, believed.values[:, 0], strict=True))
         for e in chosen:
             name = self.study.estimators[e].name
-            table, _ = self.evaluator.inputs(e, unit.drive, batch, believed)
+            table = self.evaluator.inputs(e, unit.drive, batch, believed).at
             held[name] = values | {n: table[:, i, 0] for i, n in enumerate(model.inputs)}
             own = data["estimate"].sel(estimator=name).values
             held[name] |= {str(t): own[:, i] for i, t in enumerate(data["target"].values) if str(t) in model.states}
         return dead_reckoned(model, held, data["time"].values)
 
     def _watched(
-        self, unit: Unit, case: list[Case], plant: RunParameters, held: Mapping[str, float]
+        self, unit: Unit, case: list[Case], plant: Held, held: Mapping[str, float]
     ) -> tuple[xr.Dataset, Plan | None, xr.Dataset | None]:
         """Return what the plant publishes in a run, and how it moves."""
-        simulator = self._watching
-        batch = self.evaluator.simulate(unit, case, plant=plant, simulator=simulator)
-        model, samples = simulator.compiled.model, len(batch.truth)
+        names = self._watched_signals.names
+        batch = self.evaluator.simulate(unit, case, plant=plant, record=self._watched_signals)
+        model, samples = self.study.plant.model(), len(batch.truth)
         drive, gone = self.evaluator.compiled.drives[unit.drive], np.arange(samples) >= batch.left_at[0]
         columns = {name: drive.plant[:samples, i, 0] for i, name in enumerate(model.inputs)}
-        names = simulator.compiled.signal_names
         columns |= {name: np.where(gone, np.nan, batch.truth[:, i, 0]) for i, name in enumerate(names)}
-        found = xr.Dataset(
+        everything = xr.Dataset(
             {name: ("time", values, signal_attributes(name)) for name, values in columns.items()},
             coords={"time": ("time", drive.profile.time[:samples], {"units": "s"})},
         )
         plan = self.planner.plan(held)
-        return found, plan, None if plan is None else motion(plan, model, found, held)
+        return everything, plan, None if plan is None else motion(plan, model, everything, held)
 
     def warm_up(self, estimator: int) -> None:
         """Compile what a run of one estimator needs beyond the kernels of the study."""
         unit, case = Unit(0, 0, 0, 0, 1, 0, 1), [Case(0, 0)]
-        batch, believed = (
-            self.evaluator.simulate(unit, case, samples=3),
-            self.evaluator.parameters(unit, case, "belief"),
-        )
-        self.evaluator.simulate(unit, case, samples=3, simulator=self._watching)
+        batch, believed = self.evaluator.simulate(unit, case, samples=3), self.evaluator.held(unit, case, "belief")
+        self.evaluator.simulate(unit, case, samples=3, record=self._watched_signals)
         self._scores(estimator, Place(0, 0, 0), batch, believed)
         self._follow(estimator, Place(0, 0, 0), batch, believed)
 
-    def _scores(self, index: int, place: Place, batch: Batch, believed: RunParameters) -> Scores:
+    def _scores(self, index: int, place: Place, batch: Batch, believed: Held) -> Scores:
         """Return the scores of one estimator."""
-        unit, estimator = place.unit, self.evaluator.compiled.estimators[index]
-        begin = self.evaluator.begin(index, unit, [Case(place.sample, place.repeat)], believed)
-        sums = self.evaluator.sums(index, unit.drive, begin, batch, believed, keep=True)
-        return estimator.scores(replace(sums, errors=sums.errors[..., :1], per_run=sums.per_run[:, :1]))
+        inputs, held = self._given(index, place, batch, believed)
+        sums = self.evaluator.sums(index, inputs, batch, held, keep=True)
+        return replace(sums, errors=sums.errors[..., :1], per_run=sums.per_run[:, :1]).scores()
 
-    def _follow(self, index: int, place: Place, batch: Batch, believed: RunParameters) -> tuple[Floats, ...]:
+    def _follow(self, index: int, place: Place, batch: Batch, believed: Held) -> tuple[Floats, ...]:
         """Return what one estimator holds over time, see ``harness.study.replayed.OverTime``."""
-        unit, estimator = place.unit, self.evaluator.compiled.estimators[index]
-        belief, start = self.evaluator.begin(index, unit, [Case(place.sample, place.repeat)], believed)
-        followed, nx, ny = self._estimator_followed(index), estimator.compiled.nx, estimator.compiled.ny
-        inputs, uncertain = self.evaluator.inputs(index, unit.drive, batch, believed)
-        nothing = np.empty((1, inputs.shape[1], 0, LANES))
-        told = UncertainInputs(inputs, nothing, nothing) if uncertain is None else uncertain
-        if told.at.shape[2]:
-            belief = belief._replace(input_errors=np.zeros((nx + ny, told.at.shape[2], LANES)))
-        source = inputs, *told, self.evaluator.compiled.measured(batch.measurements)
-        kept = followed.run(source, belief, start)
+        compiled, (inputs, held) = self.evaluator.compiled, self._given(index, place, batch, believed)
+        measured = compiled.measured(batch.measurements)
+        kept = compiled.estimators[index].run(inputs, measured, held, EverySample())
         kept.facts[0] = np.nan
         variance = np.einsum("kaa->ka", kept.spread)
         return kept.mean, kept.state_covariance, kept.innovation, variance, kept.facts[:, :2]
 
-    def _estimator_followed(self, index: int) -> FollowedEstimator:
-        """Return an estimator compiled to be followed."""
-        spec, compiled = self.study.estimators[index], self.evaluator.compiled.belief
-        uncertain = bool(self.study.belief.input_noise)
-        with self._lock:
-            if spec.kind not in self._followed:
-                self._followed[spec.kind] = FollowedEstimator(spec.kind, compiled, False, uncertain)
-            return self._followed[spec.kind]
+    def _given(self, index: int, place: Place, batch: Batch, believed: Held) -> tuple[InputSeries, Held]:
+        """Return what one estimator gets to know and what it believes."""
+        unit, case = place.unit, [Case(place.sample, place.repeat)]
+        inputs = self.evaluator.inputs(index, unit.drive, batch, believed)
+        return inputs, self.evaluator.believed_by(index, unit, case, believed)

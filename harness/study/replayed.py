@@ -11,10 +11,10 @@ import pandas as pd
 import xarray as xr
 
 from harness.common.arrays import Floats
-from harness.estimation.contract import Scores
 from harness.models.signals import signal_attributes
-from harness.simulation.simulate import Batch
-from harness.study.design import RunParameters, Unit
+from harness.runner.contract import Batch, Held
+from harness.runner.records import Scores
+from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
 
 
@@ -40,7 +40,7 @@ class OverTime:
 
 
 def dataset(
-    evaluator: StudyEvaluator, unit: Unit, batch: Batch, believed: RunParameters, runs: Mapping[int, OverTime]
+    evaluator: StudyEvaluator, unit: Unit, batch: Batch, believed: Held, runs: Mapping[int, OverTime]
 ) -> xr.Dataset:
     """Return truth and estimates of a run over time, in SI units.
 
@@ -75,7 +75,7 @@ def dataset(
     columns |= _estimates(shown, evaluator, gone, runs)
     measured = compiled.measured(batch.measurements)
     for i, name in enumerate(outputs):
-        about = {"units": signal_attributes(name)["units"], "variance": believed.measurement_noise[0, i]}
+        about = {"units": signal_attributes(name)["units"], "variance": believed.measurement_noise[i, 0]}
         columns[f"measured_{name}"] = ("time", np.where(gone, np.nan, measured[:, i, 0]), about)
     for i, name in enumerate(compiled.plant.model.inputs):
         columns[f"input_{name}"] = ("time", drive.plant[:samples, i, 0], {"units": signal_attributes(name)["units"]})
@@ -98,22 +98,22 @@ def _estimates(
 ) -> dict[str, Any]:
     """Return estimates with their standard deviations, those of the study's signals as they were scored."""
     compiled = evaluator.compiled
-    found = np.full((2, len(gone), len(runs), len(shown)), np.nan)
+    estimates = np.full((2, len(gone), len(runs), len(shown)), np.nan)
     states = compiled.belief.model.states
     for column, (e, run) in enumerate(runs.items()):
         estimator = compiled.estimators[e]
         assert run.scores.kept is not None
         for i, name in enumerate(shown):
             if name in compiled.signals:
-                found[:, :, column, i] = run.scores.kept[:, :, compiled.signals.index(name), 0].T
+                estimates[:, :, column, i] = run.scores.kept[:, :, compiled.signals.index(name), 0].T
             elif run.mean is not None and run.covariance is not None and estimator.gives.all():
                 at = states.index(name)
                 variance = run.covariance[:, at, at]
-                found[:, :, column, i] = run.mean[:, at], np.sqrt(np.where(variance < 0.0, 0.0, variance))
-        found[:, _ended(gone, run), column] = np.nan
+                estimates[:, :, column, i] = run.mean[:, at], np.sqrt(np.where(variance < 0.0, 0.0, variance))
+        estimates[:, _ended(gone, run), column] = np.nan
         if not estimator.has_covariance:
-            found[1, :, column] = np.nan
-    return {n: (("time", "estimator", "target"), v) for n, v in zip(("estimate", "std"), found, strict=True)}
+            estimates[1, :, column] = np.nan
+    return {n: (("time", "estimator", "target"), v) for n, v in zip(("estimate", "std"), estimates, strict=True)}
 
 
 def _innovations(
@@ -165,8 +165,8 @@ def _nees(errors: Floats, covariances: Floats) -> Floats:
         solved = np.linalg.solve(unit, whole[:, :, None])[:, :, 0]
     except np.linalg.LinAlgError:
         solved = np.einsum("kij,kj->ki", np.linalg.pinv(unit, hermitian=True), whole)
-    found: Floats = np.einsum("ki,ki->k", whole, solved)
-    return np.where(found >= 0.0, found, np.nan)
+    nees: Floats = np.einsum("ki,ki->k", whole, solved)
+    return np.where(nees >= 0.0, nees, np.nan)
 
 
 def table(data: xr.Dataset) -> pd.DataFrame:

@@ -24,7 +24,8 @@ from harness.common.files import toml_text, write_files
 from harness.common.registry import closest
 from harness.config import NOISE_GROUPS, DesignSpec, EstimatorSpec, Study
 from harness.engine.simd.lanes import LANES
-from harness.study.design import RunParameters, Unit, scale_noise
+from harness.study.compiled_study import scale_noise
+from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
 from harness.study.run_noise import Case
 
@@ -156,13 +157,12 @@ def _losses(evaluator: StudyEvaluator, index: int, runs: list[tuple[int, Any]], 
         filled = np.vstack([group, np.repeat(group[-1:], LANES - len(group), axis=0)])
         for drive, batch in runs:
             unit, case = Unit(0, 0, drive, 0, 1), [Case(0, 0)]
-            believed, spec = evaluator.parameters(unit, case, "belief"), evaluator.study.belief
+            believed, spec = evaluator.held(unit, case, "belief"), evaluator.study.belief
             rows = [scale_noise(believed, spec, dict(zip(NOISE_GROUPS, 10.0**row, strict=True))) for row in filled]
-            candidates = RunParameters(
-                believed.values,
-                np.stack([r.process_noise[k] for k, r in enumerate(rows)]),
-                np.stack([r.measurement_noise[k] for k, r in enumerate(rows)]),
-                believed.input_noise,
+            candidates = dataclasses.replace(
+                believed,
+                process_noise=np.stack([r.process_noise[:, k] for k, r in enumerate(rows)], axis=-1),
+                measurement_noise=np.stack([r.measurement_noise[:, k] for k, r in enumerate(rows)], axis=-1),
             )
             scores = evaluator.estimate(index, unit, case, batch, candidates)
             lost = ~np.isfinite(scores.log_likelihood) | (scores.diverged_at < len(batch.truth))

@@ -27,8 +27,9 @@ from harness.common.statistics import tail_mean
 from harness.config import NOISE_GROUPS, DesignSpec, Study
 from harness.engine.simd.lanes import LANES
 from harness.models.quantities import Quantity, quantity
-from harness.simulation.simulate import Batch
-from harness.study.design import RunParameters, Unit, scale_noise
+from harness.runner.contract import Batch, Held
+from harness.study.compiled_study import scale_noise
+from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
 from harness.study.run_noise import Case
 from harness.study.tune import TRAINING_REPEAT, chosen_estimators, evolve, tuning_text
@@ -103,7 +104,7 @@ class _Runs:
     unit: Unit
     cases: list[Case]
     batch: Batch
-    believed: RunParameters
+    believed: Held
 
 
 @dataclasses.dataclass(frozen=True)
@@ -188,7 +189,7 @@ def _simulated(evaluator: StudyEvaluator, points: int) -> _Training:
         for part, (design, cases) in zip(parts, every, strict=True):
             unit = Unit(design, 0, drive, cases[0].sample, cases[-1].sample + 1)
             for group in (cases[k : k + LANES] for k in range(0, len(cases), LANES)):
-                believed = evaluator.parameters(unit, group, "belief")
+                believed = evaluator.held(unit, group, "belief")
                 part.append(_Runs(unit, group, evaluator.simulate(unit, group), believed))
     return _Training(*parts)
 

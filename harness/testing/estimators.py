@@ -15,6 +15,8 @@ from harness.engine.compile import CompiledModel, compile_model
 from harness.engine.kernel_names import Info
 from harness.engine.simd.lanes import LANES
 from harness.estimation.contract import Estimator, load_estimator
+from harness.runner.contract import Held, InputSeries
+from harness.runner.records import Scoring
 from harness.simulation.simulate import in_lanes, variances
 from harness.testing.linear_filter import P0, STEP, Q, R, compiled_linear, drive_linear, textbook
 from harness.testing.parts import named, require
@@ -189,10 +191,9 @@ def _check_batches(name: str, g: Ground) -> None:
         def of(a: np.ndarray) -> np.ndarray:
             return np.ascontiguousarray(a[..., pick])
 
-        belief = g.estimator.belief(g.compiled.constants(of(parameters)), in_lanes(g.q), in_lanes(g.r))
-        first = g.estimator.init(np.zeros(g.compiled.nx), g.p0)
-        until = np.full(LANES, float(samples))
-        return g.estimator.run(of(u), of(y), of(truth), names, until, belief, first, keep=True)
+        held = Held(of(parameters), in_lanes(g.q), in_lanes(g.r), np.zeros((g.compiled.nx, LANES)), g.p0)
+        record = Scoring(of(truth), names, np.full(LANES, float(samples)), keep=True)
+        return g.estimator.run(InputSeries(of(u)), of(y), held, record).scores()
 
     batch = run(np.arange(LANES))
     require(not np.array_equal(batch.rmse[:, 0], batch.rmse[:, 5]), f"{name}: every run has the same error")

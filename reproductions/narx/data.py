@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +14,11 @@ from harness.common.files import BUNDLED_STUDIES
 from harness.common.registry import closest
 from harness.config import DriveSpec, ModelSpec
 from harness.config.model import resolve_single
-from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
 from harness.models.contracts import Profile
+from harness.runner.contract import InputSeries, Signals
 from harness.simulation.drives import profile_of, read_drives
-from harness.simulation.simulate import Simulator, in_lanes, input_table, variances
+from harness.simulation.simulate import CompiledSimulator, as_stated, input_table
 
 DRIVES = BUNDLED_STUDIES / "drives" / "narx-training.toml"
 INPUTS = ("yaw_rate_trailer", "speed")
@@ -117,11 +117,10 @@ def simulate(
     for name in inputs:
         if name not in model.outputs and name not in model.inputs:
             raise UserError(f"the network cannot read '{name}'{closest(name, [*model.outputs, *model.inputs])}")
-    compiled = compile_model(model, spec.step, spec.integrator, spec.substeps, tuple(outputs))
-    simulator, width = Simulator(compiled), compiled.nx + compiled.ny
-    constants = compiled.constants(in_lanes(compiled.parameter_vector(spec.values)))
-    noise_x = in_lanes(variances(spec.process_noise, model.states))
-    noise_y = in_lanes(variances(spec.measurement_noise, list(model.outputs)))
+    simulator, record = CompiledSimulator.of(spec), Signals(tuple(outputs))
+    width = len(model.states) + len(model.outputs)
+    as_defined = as_stated(spec, next(iter(profiles.values())))
+    held = replace(as_defined, first=np.zeros_like(as_defined.first))
     tables = {name: input_table(p, model) for name, p in profiles.items()}
     series, names = [], list(profiles)
     for start in range(0, len(names), LANES):
@@ -135,7 +134,7 @@ def simulate(
             u[:, :, lane] = np.pad(table, ((0, samples - len(table)), (0, 0)), "edge")
             rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(names.index(name),)))
             noise[:, :, lane] = rng.standard_normal((samples, width))
-        batch = simulator.run(u, constants, noise_x, noise_y, noise, np.zeros((compiled.nx, LANES)))
+        batch = simulator.run(InputSeries(u), held, noise, record)
         for lane, name in enumerate(group):
             n = len(tables[name])
             if batch.left_at[lane] < n:

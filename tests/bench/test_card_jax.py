@@ -8,7 +8,8 @@ import pytest
 from bench.engine import ROOT
 from harness.config import load_study
 from harness.engine.standard_normal import standard_normal
-from harness.study.evaluate import StudyEvaluator, in_a_row
+from harness.study.compiled_study import in_a_row
+from harness.study.evaluate import StudyEvaluator
 
 pytest.importorskip("jax", reason="only `make bench PEERS=1` installs JAX")
 

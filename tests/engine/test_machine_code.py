@@ -13,6 +13,8 @@ from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES, get, put
 from harness.estimation.contract import Estimator
 from harness.models.assembly.assemble import assemble
+from harness.runner.contract import Held, InputSeries
+from harness.runner.records import Scoring
 from harness.testing.linear_filter import P0, compiled_linear
 
 X = types.Array(types.float64, 2, "C")
@@ -96,8 +98,8 @@ def test_a_loop_over_time_counts_no_users_of_arrays_at_each_sample():
     compiled = compiled_linear()
     estimator, samples = Estimator("ekf", compiled), 20
     y, truth = np.ones((samples, compiled.ny, LANES)), np.ones((samples, 1, LANES))
-    belief = estimator.belief(compiled.constants(np.full((1, LANES), 1.5)), *(np.ones((n, LANES)) for n in (3, 2)))
-    u, until, first = np.ones((samples, 1, LANES)), np.full(LANES, 1.0 * samples), estimator.init(np.zeros(3), P0)
-    scores = estimator.run(u, y, truth, compiled.signal_names, until, belief, first)
+    held = Held(np.full((1, LANES), 1.5), *(np.ones((n, LANES)) for n in (3, 2)), np.zeros((3, LANES)), P0)
+    record = Scoring(truth, compiled.signal_names, np.full(LANES, 1.0 * samples))
+    scores = estimator.run(InputSeries(np.ones((samples, 1, LANES))), y, held, record).scores()
     assert np.isfinite(scores.rmse).all()
     assert users_counted(estimator.loop) < 60  # 35 where it makes its arrays; 145 if it counted at each sample

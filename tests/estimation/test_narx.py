@@ -15,6 +15,8 @@ from harness.estimation import narx_network as net
 from harness.estimation.contract import Estimator
 from harness.estimation.methods import narx
 from harness.estimation.methods.narx import MEMORY, WIDTH, placed
+from harness.runner.contract import Held, InputSeries
+from harness.runner.records import Scoring
 from harness.simulation.drives import profile_of
 from harness.simulation.simulate import in_lanes, variances
 from reproductions import narx_architecture, narx_training
@@ -66,10 +68,11 @@ def semitrailer_belief():
     return spec, compile_model(spec.model(), spec.step, signals=SIGNALS)
 
 
-def believed(estimator, spec, compiled):
-    constants = compiled.constants(in_lanes(compiled.parameter_vector(spec.values)))
+def scores_of(estimator, spec, u, y, record):
+    compiled = estimator.compiled
     q, r = variances(spec.process_noise, compiled.model.states), variances(spec.measurement_noise, ["yaw_rate_trailer"])
-    return estimator.belief(constants, in_lanes(q), in_lanes(r))
+    parts = compiled.parameter_vector(spec.values), q, r, np.zeros(compiled.nx), np.ones(compiled.nx)
+    return estimator.run(InputSeries(u), y, Held(*map(in_lanes, parts)), record).scores()
 
 
 # --- gradients
@@ -392,10 +395,7 @@ def test_estimator_equals_the_plain_network(hidden, tmp_path):
     u[:, at] = 8 + np.cumsum(0.1 * rng.normal(size=(samples, LANES)), axis=0)
     y[100:120] = np.nan
     truth = np.zeros((samples, len(SIGNALS), LANES))
-    first = estimator.init(np.zeros(compiled.nx), np.ones(compiled.nx))
-    scores = estimator.run(
-        u, y, truth, SIGNALS, np.full(LANES, 1e9), believed(estimator, spec, compiled), first, keep=True
-    )
+    scores = scores_of(estimator, spec, u, y, Scoring(truth, SIGNALS, np.full(LANES, 1e9), keep=True))
     y[100:120] = y[99]  # the last measurement is held
     for lane in (0, 3):
         inputs = np.column_stack([y[1:, 0, lane], u[1:, at, lane]])  # sample 0 is no measurement of a filter
@@ -417,16 +417,7 @@ def test_a_network_that_runs_away_diverges_with_its_time(tmp_path):
     spec, compiled = semitrailer_belief()
     estimator = Estimator("narx", compiled, {"network": "n.npz"}, tmp_path)
     u, y = np.full((50, compiled.nu, LANES), 5.0), np.zeros((50, 1, LANES))
-    first = estimator.init(np.zeros(compiled.nx), np.ones(compiled.nx))
-    scores = estimator.run(
-        u,
-        y,
-        np.zeros((50, 3, LANES)),
-        SIGNALS,
-        np.full(LANES, 50.0),
-        believed(estimator, spec, compiled),
-        first,
-    )
+    scores = scores_of(estimator, spec, u, y, Scoring(np.zeros((50, 3, LANES)), SIGNALS, np.full(LANES, 50.0)))
     np.testing.assert_array_equal(scores.diverged_at, 3.0)  # the first sample with full delays
 
 

@@ -12,6 +12,8 @@ from harness.engine.simd.gather import gather
 from harness.engine.simd.lanes import LANES, get, put
 from harness.engine.simd.random import generator_words
 from harness.estimation.contract import Estimator
+from harness.runner.contract import Held, InputSeries
+from harness.runner.records import Scoring
 from harness.simulation.simulate import in_lanes
 from harness.study.design import Unit
 from harness.study.run_noise import Case, RunNoise
@@ -158,12 +160,12 @@ def test_all_weights_zero_is_a_divergence_with_its_time(compiled, value):
     u, y = rng.normal(size=(samples, 1, LANES)), 0.2 * rng.normal(size=(samples, 2, LANES))
     truth = np.zeros((samples, 1, LANES))
     estimator = Estimator("particle", compiled, {"particles": 100})
-    first, belief = estimator.init(np.zeros(3), P0, SEEDS), believe(estimator, compiled)
-    arguments = (truth, ("beta_test",), np.full(LANES, float(samples)), belief, first)
-    good = estimator.run(u, y, *arguments)
+    parts = (in_lanes(each) for each in (np.array([1.5]), Q, R, np.zeros(3)))
+    held, record = Held(*parts, P0, seeds=SEEDS), Scoring(truth, ("beta_test",), np.full(LANES, float(samples)))
+    good = estimator.run(InputSeries(u), y, held, record).scores()
     bad_y = y.copy()
     bad_y[lost, 0, 3] = value
-    bad = estimator.run(u, bad_y, *arguments)
+    bad = estimator.run(InputSeries(u), bad_y, held, record).scores()
     assert list(bad.diverged_at) == [samples if lane != 3 else lost for lane in range(LANES)]
     assert np.isfinite(bad.rmse).all()
     assert np.isfinite(bad.log_likelihood).all()

@@ -18,8 +18,10 @@ from harness.estimation.contract import Estimator
 from harness.models.assembly.assemble import assemble, symbol
 from harness.models.assembly.expressions import larger
 from harness.models.roles import PARAMETERS, VEHICLES
+from harness.runner.contract import Batch, Held, InputSeries
+from harness.runner.records import Scoring
 from harness.simulation.drives import build_drive
-from harness.simulation.simulate import Batch, first_state, in_lanes, input_table
+from harness.simulation.simulate import first_state, in_lanes, input_table
 from harness.study.compiled_study import CompiledStudy
 from support.cars import CAR, CONTEXT, WHEELS, function_of
 
@@ -152,16 +154,9 @@ def stiffness_error(**settings) -> np.ndarray:
     inputs[:, 1] = measured[:, 1]
     p = in_lanes(belief.parameter_vector(dict(PARAMETERS.load("li_2017").VALUES)))
     filter_ = Estimator("st_cdkf", belief, settings)
-    scores = filter_.run(
-        inputs,
-        np.ascontiguousarray(measured[:, :1]),
-        truth,
-        TRUE,
-        np.full(LANES, float(len(kept))),
-        filter_.belief(belief.constants(p), in_lanes(Q), np.full((1, LANES), 0.005)),
-        filter_.init(first_state(model, p, profile), in_lanes(Q)),
-        keep=True,
-    )
+    held = Held(p, in_lanes(Q), np.full((1, LANES), 0.005), first_state(model, p, profile), in_lanes(Q))
+    record = Scoring(truth, TRUE, np.full(LANES, float(len(kept))), keep=True)
+    scores = filter_.run(InputSeries(inputs), np.ascontiguousarray(measured[:, :1]), held, record).scores()
     assert scores.kept is not None
     assert (scores.diverged_at == len(kept)).all()
     return np.abs(scores.kept[:, 0, 3:] - truth[:, 3:]).mean(axis=(1, 2))

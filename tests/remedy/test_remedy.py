@@ -137,7 +137,7 @@ def test_the_written_belief_has_the_noise_that_the_estimator_is_tuned_to(tmp_pat
     found = []
     for some in (tuned, taken):
         evaluator, unit, cases = StudyEvaluator(some), Unit(0, 0, 0, 0, 1), [Case(0, 0)]
-        batch, held = evaluator.simulate(unit, cases, 500), evaluator.parameters(unit, cases, "belief")
+        batch, held = evaluator.simulate(unit, cases, 500), evaluator.held(unit, cases, "belief")
         found.append(evaluator.estimate(0, unit, cases, batch, held).log_likelihood)
     np.testing.assert_allclose(found[0], found[1], rtol=1e-12)
     assert tuned.estimators[0].noise

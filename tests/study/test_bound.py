@@ -71,7 +71,7 @@ def test_the_recursion_is_that_of_the_information_where_process_noise_has_an_inv
 def test_of_a_study_it_is_what_the_kalman_filter_states(study):
     evaluator, unit = StudyEvaluator(study), Unit(0, 0, 0, 0, 1)
     cases = [Case(0, r) for r in range(8)]
-    batch, believed = evaluator.simulate(unit, cases), evaluator.parameters(unit, cases, "belief")
+    batch, believed = evaluator.simulate(unit, cases), evaluator.held(unit, cases, "belief")
     stated = evaluator.estimate(0, unit, cases, batch, believed, keep=True).kept[1:, 1, 0, 0]
     (found,) = bound.smallest_rmse(evaluator, unit)
     assert found == pytest.approx(np.sqrt(np.mean(stated**2)), rel=1e-9)

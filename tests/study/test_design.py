@@ -12,10 +12,12 @@ from SALib.util import scale_samples
 from scipy.stats import qmc
 
 from harness.config import load_study
+from harness.engine.simd.lanes import LANES
+from harness.simulation.drives import profile_of
+from harness.study.compiled_study import held_by
 from harness.study.design import (
     Unit,
     points,
-    run_parameters,
     saltelli_points,
     scrambled_points,
     unit_box,
@@ -144,11 +146,17 @@ def test_points_do_not_depend_on_estimators_or_seed(study, tmp_path):
         assert units(study, design) == units(other, other.design(design.name))
 
 
+def held_at(spec, design, side, values, study):
+    """Return what a model holds in eight runs at the first point."""
+    profile = profile_of(study.plant, study.drives[0])
+    return held_by(spec, design, side, np.repeat(values[:1], LANES, axis=0), profile)
+
+
 def test_nominal_design_has_one_point_without_factors(study):
     found = points(study, study.design("nominal"))
     assert found.values.shape == (1, 1, 0)
-    held = run_parameters(study.plant, study.design("nominal"), "plant", found.values[0])
-    np.testing.assert_array_equal(held.values[0], list(study.plant.values.values()))
+    held = held_at(study.plant, study.design("nominal"), "plant", found.values[0], study)
+    np.testing.assert_array_equal(held.values[:, 0], list(study.plant.values.values()))
 
 
 def test_points_of_another_studys_design_are_refused(study, tmp_path):
@@ -166,20 +174,20 @@ def test_lanes_replace_values_and_scale_noise_on_the_side_that_varies(study):
         "friction",
         "belief.trailer_mass",
     )
-    plant = run_parameters(study.plant, design, "plant", found.values[1])
-    belief = run_parameters(study.belief, design, "belief", found.values[1])
+    plant = held_at(study.plant, design, "plant", found.values[1], study)
+    belief = held_at(study.belief, design, "belief", found.values[1], study)
 
     def of(spec, held, name):
-        return held.values[0, spec.model().parameter_names.index(name)]
+        return held.values[spec.model().parameter_names.index(name), 0]
 
     assert of(study.plant, plant, "friction") == of(study.belief, belief, "friction") == 0.8
     assert of(study.plant, plant, "trailer_mass") == 24000.0
     assert of(study.belief, belief, "trailer_mass") == 9000.0
-    np.testing.assert_allclose(plant.process_noise[0], 10 * np.array(list(study.plant.process_noise.values())))
-    np.testing.assert_array_equal(belief.process_noise[0], list(study.belief.process_noise.values()))
-    np.testing.assert_array_equal(plant.measurement_noise[0], [1e-4])
-    np.testing.assert_allclose(belief.measurement_noise[0], [4e-4])
-    assert belief.process_noise.shape == (1, 11)
+    np.testing.assert_allclose(plant.process_noise[:, 0], 10 * np.array(list(study.plant.process_noise.values())))
+    np.testing.assert_array_equal(belief.process_noise[:, 0], list(study.belief.process_noise.values()))
+    np.testing.assert_array_equal(plant.measurement_noise[:, 0], [1e-4])
+    np.testing.assert_allclose(belief.measurement_noise[:, 0], [4e-4])
+    assert belief.process_noise.shape == (11, LANES)
 
 
 @pytest.mark.parametrize("largest", [1, 3, 7, 64, 10_000])

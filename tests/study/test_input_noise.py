@@ -91,7 +91,7 @@ def test_filters_that_know_of_the_noise_state_what_they_err(scores):
 @pytest.mark.parametrize("index", [0, 1])
 def test_no_estimator_sees_a_later_input(noisy, index):
     unit, group = Unit(0, 1, 0, 0, 1), [Case(0, r) for r in range(LANES)]
-    batch, believed = noisy.simulate(unit, group), noisy.parameters(unit, group, "belief")
+    batch, believed = noisy.simulate(unit, group), noisy.held(unit, group, "belief")
     later = {name: errors.copy() for name, errors in batch.input_errors.items()}
     for errors in later.values():
         errors[1000:] += 0.3
@@ -104,7 +104,7 @@ def test_no_estimator_sees_a_later_input(noisy, index):
 
 def test_errors_of_a_step_are_those_of_its_end_only_where_they_last(noisy):
     unit, group = Unit(0, 1, 0, 0, 1), [Case(0, r) for r in range(LANES)]
-    batch, believed = noisy.simulate(unit, group), noisy.parameters(unit, group, "belief")
+    batch, believed = noisy.simulate(unit, group), noisy.held(unit, group, "belief")
     (_, lasting), (read, single) = (noisy.inputs(i, 0, batch, believed) for i in (0, 1))
     np.testing.assert_array_equal(lasting.before, lasting.at)
     assert not ((single.before != 0).any(axis=(0, 1, 3)) & (single.at != 0).any(axis=(0, 1, 3))).any()
@@ -148,7 +148,7 @@ def test_square_root_forms_are_told_of_the_errors_of_inputs_as_the_others_are():
     kinds = [{"name": k, "kind": k} for k in ("ekf", "sr_ekf", "ukf", "sr_ukf")]
     evaluator = StudyEvaluator(study_of({**PLANT, "noise": NOISE}, levels=(), estimator=kinds))
     unit, cases = Unit(0, 0, 0, 0, 1), [Case(0, r) for r in range(LANES)]
-    batch, believed = evaluator.simulate(unit, cases, 500), evaluator.parameters(unit, cases, "belief")
+    batch, believed = evaluator.simulate(unit, cases, 500), evaluator.held(unit, cases, "belief")
     found = [evaluator.estimate(i, unit, cases, batch, believed) for i in range(len(kinds))]
     for usual, root in ((0, 1), (2, 3)):
         for what in ("rmse", "nees", "nis", "log_likelihood"):

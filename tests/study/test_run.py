@@ -16,6 +16,8 @@ from rich.console import Console
 
 from harness.common.errors import UserError, WorkError
 from harness.reporting.document import Sheet
+from harness.runner.contract import Held, InputSeries, Signals
+from harness.runner.records import Scoring
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
 from harness.study.histories import histories
@@ -248,8 +250,9 @@ def test_batches_in_one_call_have_the_bits_of_each_alone(study, monkeypatch):
     evaluator = StudyEvaluator(replace(study, designs=designs))
     every = [Unit(0, 1, 1, 0, 1), Unit(1, 0, 0, 0, 21)]
     calls = []
-    real = evaluator.compiled.simulator.loop
-    evaluator.compiled.simulator.loop = lambda *given: calls.append(len(given[7])) or real(*given)
+    simulator, record = evaluator.compiled.simulator, evaluator.compiled.recorded
+    real = simulator.loop(record)
+    simulator.loops[record.names] = lambda *given: calls.append(len(given[7])) or real(*given)
     monkeypatch.setattr("harness.study.evaluate._SIMULATED_AT_ONCE", 2**30)
     together = [evaluator.evaluate(unit) for unit in every]
     assert calls == [3, 3]
@@ -299,11 +302,12 @@ def test_a_signal_without_truth_is_estimated_but_not_scored():
     names = ("alpha_test", "beta_test", "gamma_test")
     compiled = compile_model(linear(), 0.05, signals=names)
     estimator, rng = Estimator("ekf", compiled), np.random.default_rng(1)
-    belief = estimator.belief(compiled.constants(in_lanes(np.array([1.5]))), in_lanes(np.ones(3)), in_lanes(np.ones(2)))
-    u, y = rng.normal(size=(50, 1, LANES)), rng.normal(size=(50, 2, LANES))
-    first, until = estimator.init(np.zeros(3), np.ones(3)), np.full(LANES, 50.0)
-    whole = estimator.run(u, y, np.zeros((50, 3, LANES)), names, until, belief, first, keep=True)
-    part = estimator.run(u, y, np.zeros((50, 2, LANES)), names[::2], until, belief, first, keep=True)
+    held = Held(*(in_lanes(np.array(v)) for v in ([1.5], [1.0] * 3, [1.0] * 2, [0.0] * 3, [1.0] * 3)))
+    u, y, until = rng.normal(size=(50, 1, LANES)), rng.normal(size=(50, 2, LANES)), np.full(LANES, 50.0)
+    whole, part = (
+        estimator.run(InputSeries(u), y, held, Scoring(np.zeros((50, len(n), LANES)), n, until, keep=True)).scores()
+        for n in (names, names[::2])
+    )
     np.testing.assert_array_equal(part.kept, whole.kept)
     assert np.isnan(part.rmse[1]).all()
     assert np.isnan(part.max_error[1]).all()
@@ -319,23 +323,22 @@ def test_a_matched_filter_is_consistent():
     from harness.engine.compile import compile_model
     from harness.engine.simd.lanes import LANES
     from harness.estimation.contract import Estimator
-    from harness.simulation.simulate import Simulator, in_lanes
+    from harness.simulation.simulate import CompiledSimulator, in_lanes
     from harness.testing.small_vehicles import linear
 
     names = ("alpha_test", "beta_test", "gamma_test")
     compiled, samples, runs = compile_model(linear(), 0.05, signals=names), 400, 104
     q, r, p0 = np.array([1e-3, 2e-3, 5e-4]), np.array([1e-2, 4e-2]), np.array([0.5, 1.0, 2.0])
-    constants, rng = compiled.constants(in_lanes(np.array([1.5]))), np.random.default_rng(5)
-    simulator, estimator = Simulator(compiled), Estimator("ekf", compiled)
-    belief = estimator.belief(constants, in_lanes(q), in_lanes(r))
+    rng, simulator = np.random.default_rng(5), CompiledSimulator(compiled.model, 0.05)
+    estimator, held = Estimator("ekf", compiled), [in_lanes(v) for v in (np.array([1.5]), q, r)]
     u, nees, nis = rng.normal(size=(samples, 1, LANES)), [], []
     for _ in range(runs // LANES):
         noise = rng.standard_normal((samples, 5, LANES))
         x0 = rng.standard_normal((3, LANES)) * np.sqrt(p0)[:, None]
-        batch = simulator.run(u, constants, in_lanes(q), in_lanes(r), noise, x0)
-        scores = estimator.run(
-            u, batch.measurements, batch.truth, names, batch.left_at, belief, estimator.init(np.zeros(3), p0)
-        )
+        inputs, at_zero = InputSeries(u), Held(*held, np.zeros((3, LANES)), in_lanes(p0))
+        batch = simulator.run(inputs, Held(*held, x0), noise, Signals(names))
+        record = Scoring(batch.truth, names, batch.left_at)
+        scores = estimator.run(inputs, batch.measurements, at_zero, record).scores()
         nees += scores.nees.tolist()
         nis += scores.nis.tolist()
     bound = lambda degrees, share: stats.chi2.ppf(share, degrees)  # noqa: E731

@@ -8,7 +8,9 @@ import pytest
 
 from harness.common.errors import UserError
 from harness.config import load_drives, load_study
-from harness.study.design import Unit, scale_noise
+from harness.engine.simd.lanes import LANES
+from harness.study.compiled_study import scale_noise
+from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
 from harness.study.run_noise import Case
 from harness.study.tune import Tuning, tune, write_tuning
@@ -65,7 +67,7 @@ def test_a_study_takes_the_file_and_its_estimator_the_factors(study, found, tmp_
     assert "weave" in tuned.tuning
     assert tuned.hash != study.hash
     evaluator, unit, case = StudyEvaluator(tuned), Unit(0, 0, 0, 0, 1), [Case(0, 0)]
-    batch, held = evaluator.simulate(unit, case, 500), evaluator.parameters(unit, case, "belief")
+    batch, held = evaluator.simulate(unit, case, 500), evaluator.held(unit, case, "belief")
     by_file = evaluator.estimate(0, unit, case, batch, held)
     plain = dataclasses.replace(tuned.estimators[0], noise={})
     bare = StudyEvaluator(dataclasses.replace(tuned, estimators=(plain,)))
@@ -75,9 +77,9 @@ def test_a_study_takes_the_file_and_its_estimator_the_factors(study, found, tmp_
 
 def test_groups_are_scaled_apart(study):
     evaluator = StudyEvaluator(study)
-    held = evaluator.parameters(Unit(0, 0, 0, 0, 1), [Case(0, 0)], "belief")
+    held = evaluator.held(Unit(0, 0, 0, 0, 1), [Case(0, 0)], "belief")
     scaled = scale_noise(held, study.belief, {"process": 2.0, "unknown_inputs": 3.0, "measurement": 5.0})
-    np.testing.assert_allclose(scaled.process_noise / held.process_noise, [[2.0] * 10 + [3.0]] * len(held.values))
+    np.testing.assert_allclose(scaled.process_noise / held.process_noise, np.outer([2.0] * 10 + [3.0], np.ones(LANES)))
     np.testing.assert_allclose(scaled.measurement_noise, 5 * held.measurement_noise)
     assert scale_noise(held, study.belief, {}) is held
 

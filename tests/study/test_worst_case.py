@@ -100,7 +100,7 @@ def test_a_study_that_takes_the_file_has_the_smaller_worst_case(study, found, tm
         errors = []
         for first in range(0, 64, 8):
             unit, cases = Unit(0, 0, 0, first, first + 8), [Case(s, 0) for s in range(first, first + 8)]
-            batch, believed = evaluator.simulate(unit, cases), evaluator.parameters(unit, cases, "belief")
+            batch, believed = evaluator.simulate(unit, cases), evaluator.held(unit, cases, "belief")
             errors.append(evaluator.estimate(0, unit, cases, batch, believed).rmse[0])
         worst.append(np.sort(np.ravel(errors))[-3:].mean())
     assert worst[1] < 0.5 * worst[0]
