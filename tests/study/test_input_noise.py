@@ -57,8 +57,8 @@ def test_without_noise_of_inputs_nothing_is_another_study(exact):
     assert exact.study.plant.input_noise == {}
     assert study_of(ways={"EKF": {"input_signal": "measured"}}, levels=()).hash == exact.study.hash
     assert study_of({**PLANT, "noise": NOISE}, {"EKF": {}}, ()).hash != exact.study.hash
-    table, told = exact.inputs(0, 0, exact.simulate(Unit(0, 0, 0, 0, 1), [Case(0, 0)]), None)
-    assert told is None
+    table, *further = exact.inputs(0, 0, exact.simulate(Unit(0, 0, 0, 0, 1), [Case(0, 0)]), None)
+    assert further == [None] * 4
     np.testing.assert_array_equal(table, exact.compiled.drives[0].belief)
 
 
@@ -105,12 +105,13 @@ def test_no_estimator_sees_a_later_input(noisy, index):
 def test_errors_of_a_step_are_those_of_its_end_only_where_they_last(noisy):
     unit, group = Unit(0, 1, 0, 0, 1), [Case(0, r) for r in range(LANES)]
     batch, believed = noisy.simulate(unit, group), noisy.held(unit, group, "belief")
-    (_, lasting), (read, single) = (noisy.inputs(i, 0, batch, believed) for i in (0, 1))
-    np.testing.assert_array_equal(lasting.before, lasting.at)
-    assert not ((single.before != 0).any(axis=(0, 1, 3)) & (single.at != 0).any(axis=(0, 1, 3))).any()
+    lasting, single = (noisy.inputs(i, 0, batch, believed) for i in (0, 1))
+    np.testing.assert_array_equal(lasting.errors_between, lasting.errors_at)
+    apart = ((errors != 0).any(axis=(0, 1, 3)) for errors in (single.errors_between, single.errors_at))
+    assert not np.logical_and(*apart).any()
     speed = noisy.compiled.belief.model.inputs.index("speed")
     exact = noisy.compiled.drives[0].belief[:, speed]
-    np.testing.assert_allclose(read[:, speed] - exact, batch.input_errors["speed"], atol=1e-12)
+    np.testing.assert_allclose(single.at[:, speed] - exact, batch.input_errors["speed"], atol=1e-12)
 
 
 def test_share_of_squares_is_that_of_the_cause():
