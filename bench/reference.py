@@ -31,6 +31,11 @@ from harness.models.contracts import Parameter
 from harness.models.roles import EFFECTS, TYRES, VEHICLES
 
 ROOT = Path(__file__).parents[1]
+FORMULA = re.compile(
+    r"```.*?^```|`[^`\n]+`|\$\$(?P<block>.+?)\$\$|\$(?P<inline>[^$\s](?:[^$]*[^$\s])?)\$", re.DOTALL | re.MULTILINE
+)
+"""Code, which is passed over, or a formula."""
+
 LINE = re.compile(r"^<!-- generated: ([\w-]+)((?: [\w./-]+)*) -->$", re.MULTILINE)
 NO_CAR = "scalar_example"
 """The vehicle of the contract tests, which no page counts."""
@@ -43,6 +48,24 @@ def filled(page: str) -> str:
         KeyError: If a line names no table.
     """
     return LINE.sub(lambda line: TABLES[line[1]](*line[2].split()).rstrip(), page)
+
+
+def with_formulas(page: str) -> str:
+    """Return a page whose LaTeX formulas are MathML, which browsers draw without scripts or fonts from elsewhere."""
+    return FORMULA.sub(_formula, page)
+
+
+def _formula(part: re.Match[str]) -> str:
+    latex = part["block"] or part["inline"]
+    if latex is None:
+        return part[0]
+    from latex2mathml.converter import convert  # of the extra docs, which tests of the tables do without
+
+    latex = " ".join(latex.split()).replace("{aligned}", "{align*}")
+    shown = convert(latex, display="block" if part["block"] else "inline")
+    for character in "|*_":  # of Markdown
+        shown = shown.replace(character, f"&#{ord(character)};")
+    return f"\n<div>{shown}</div>\n" if part["block"] else f"<span>{shown}</span>"
 
 
 def markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -175,7 +198,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path, help="copy of docs/")
     for path in sorted(parser.parse_args().folder.rglob("*.md")):
         before = path.read_text(encoding="utf-8")
-        after = filled(before)
+        after = with_formulas(filled(before))
         if after != before:
             path.write_text(after, encoding="utf-8")
 

@@ -2,8 +2,8 @@
 
 Foreign drives, whose plant shares nothing with the program (``--foreign``), simulated drives of a car and a semitrailer
 (``--seeds``), and the measured drives that are there. Seeds below 1000 are those that thresholds were set with; the
-tables of docs/check.md are from others. Every check is kept as soon as it is done: the same command goes on where it
-stopped.
+tables of docs/tables/check.md are from others. Every check is kept as soon as it is done: the same command goes on
+where it stopped.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ RECALL, FALSE_ALARMS = 0.95, 0.02
 
 
 def table(scores: Sequence[Scored]) -> str:
-    """Return the table of docs/check.md: a row per kind."""
+    """Return the table of docs/tables/check.md: a row per kind."""
     rows = ["| planted | checks | named | mended map passes | a further finding |", "|---|--:|--:|--:|--:|"]
     kinds = sorted({s.kind for s in scores} - {CLEAN})
     for kind in kinds:

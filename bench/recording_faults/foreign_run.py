@@ -107,7 +107,7 @@ def _kept(path: Path) -> list[ForeignScore]:
 
 
 def table(scores: Sequence[ForeignScore]) -> str:
-    """Return the table of docs/check.md: a row per style and what was planted."""
+    """Return the table of docs/tables/check.md: a row per style and what was planted."""
     rows = [
         "| driven | planted | drives | all named | named or a rival | not stated | misnamed | a false finding |",
         "|---|---|--:|--:|--:|--:|--:|--:|",

@@ -56,3 +56,13 @@ def test_keys_have_default_and_meaning():
     rows = {row.split("`")[1]: row for row in reference.keys("DesignTable").splitlines()[2:]}
     assert "| `1` | Sobol points per band" in rows["samples"]
     assert "| required |" in rows["name"]
+
+
+def test_formulas_become_mathml_and_code_stays():
+    pytest.importorskip("latex2mathml")
+    page = reference.with_formulas("The gain $K_1$ of `$HOME`:\n\n$$x^- = A|x|$$\n\n```sh\nexport A=$B$C\n```\n")
+    assert page.count("<math") == 2
+    assert page.count("<msub>") == 1
+    assert "`$HOME`" in page
+    assert "export A=$B$C" in page
+    assert "|" not in page

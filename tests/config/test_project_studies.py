@@ -56,34 +56,13 @@ def test_study_copied_elsewhere_has_the_same_hash(tmp_path):
     assert load_study(tmp_path / "studies" / "mass.toml").hash == load_study(ROOT / "studies" / "mass.toml").hash
 
 
-def _documented(heading: str) -> set[str]:
-    """Return the keys in the table of docs/studies.md under a heading."""
-    section = (ROOT / "docs" / "studies.md").read_text().split(f"\n### {heading}\n")[1].split("\n#")[0]
-    rows = [line.split("|")[1] for line in section.splitlines() if line.startswith("| `")]
-    return {key.strip(" `") for row in rows for key in row.split(",")}
-
-
 @pytest.mark.parametrize(
-    ("heading", "table"),
-    [
-        ("Top level", None),
-        ("`[plant]` and `[belief]`", "ModelTable"),
-        ("`unknown_parameters` and `considered_parameters`", "UncertainTable"),
-        ("`[[design]]`", "DesignTable"),
-        ("`[[design.factor]]`", "FactorTable"),
-        ("`[report]`", "ReportTable"),
-        ("`[history]` or `[[history]]`", "HistoryTable"),
-    ],
+    "table",
+    ["", " ModelTable", " UncertainTable", " DesignTable", " FactorTable", " ReportTable", " HistoryTable"],
 )
-def test_documentation_has_every_key_and_no_other(heading, table):
-    schema = study_schema()
-    keys = set(schema["properties"] if table is None else schema["$defs"][table]["properties"])
-    if table == "ModelTable":
-        noise = schema["$defs"]["NoiseTable"]["properties"]
-        keys, own = keys - {"values", "noise"} | {"values.<parameter>"}, {"process": ".<state>", "input": ".<signal>"}
-        keys |= {f"noise.{k}{'' if 'scale' in k else own.get(k, '.<output>')}" for k in noise}
-    documented = {key.strip("[]") for key in _documented(heading)}
-    assert documented == keys
+def test_documentation_asks_for_the_keys_of_every_table(table):
+    text = (ROOT / "docs" / "studies.md").read_text(encoding="utf-8")
+    assert text.count(f"<!-- generated: study-keys{table} -->") == 1
 
 
 def test_ten_line_study_of_the_documentation_loads(tmp_path):
