@@ -8,6 +8,7 @@ lines alone, so no table can disagree with the code.
 from __future__ import annotations
 
 import functools
+import importlib
 import inspect
 import json
 import re
@@ -18,6 +19,7 @@ from types import ModuleType
 from typing import Any
 
 import typer
+from pydantic import BaseModel
 
 from harness.cli.drive_tables import kinds_table
 from harness.cli.drive_tables import table as peaks_table
@@ -81,10 +83,14 @@ def settings(kind: str) -> str:
     model = getattr(ESTIMATORS.load(kind, ()), "Settings", None)
     if model is None or not model.model_fields:
         return "No settings."
-    fields = model.model_fields.items()
-    rows = [(f"`{n}`", "required" if f.is_required() else _literal(f.get_default(call_default_factory=True)),
-             f.description or "") for n, f in fields]  # fmt: skip
-    return markdown(("setting", "default", "meaning"), rows)
+    return _fields(model, "setting")
+
+
+def _fields(model: type[BaseModel], what: str) -> str:
+    """Return the fields of a table with default and meaning."""
+    rows = [(f"`{name}`", "required" if f.is_required() else _literal(f.get_default(call_default_factory=True)),
+             f.description or "") for name, f in model.model_fields.items()]  # fmt: skip
+    return markdown((what, "default", "meaning"), rows)
 
 
 def effects() -> str:
@@ -153,6 +159,11 @@ def keys(name: str = "") -> str:
     return markdown(("key", "default", "meaning"), rows)
 
 
+def fields(module: str, name: str) -> str:
+    """Return the keys of a table of another file, from its pydantic model."""
+    return _fields(getattr(importlib.import_module(module), name), "key")
+
+
 def commands() -> str:
     """Return a section for each command: what it does, its arguments and options."""
     group: Any = typer.main.get_command(app)
@@ -186,6 +197,7 @@ TABLES: dict[str, Callable[..., str]] = {
     "drive-kinds": kinds_table,
     "drive-peaks": peaks,
     "effects": effects,
+    "keys": fields,
     "settings": settings,
     "study-keys": keys,
 }
