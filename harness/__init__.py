@@ -31,8 +31,13 @@ if TYPE_CHECKING:
     from harness.api.identification import identify as identify
     from harness.api.model import Model as Model
     from harness.api.model import model as model
+    from harness.api.observability import observability as observability
+    from harness.api.realtime import RealTime as RealTime
+    from harness.api.realtime import time_steps as time_steps
     from harness.api.recordings import read_recording as read_recording
     from harness.api.recordings import simulate as simulate
+    from harness.api.remedy import Remedies as Remedies
+    from harness.api.remedy import try_remedies as try_remedies
     from harness.api.replay import Replay as Replay
     from harness.api.results import Results as Results
     from harness.api.results import open_results as open_results
@@ -41,6 +46,10 @@ if TYPE_CHECKING:
     from harness.api.study import factor as factor
     from harness.api.study import levels as levels
     from harness.api.study import read_study as read_study
+    from harness.api.tune import TunedNoise as TunedNoise
+    from harness.api.tune import Tuning as Tuning
+    from harness.api.tune import tune as tune
+    from harness.api.tune import tune_noise as tune_noise
     from harness.common.components import register as register
     from harness.common.errors import ModelError as ModelError
     from harness.common.errors import UserError as UserError
@@ -53,10 +62,14 @@ _PLACES = {
     "harness.api.estimator": ("Estimator",),
     "harness.api.identification": ("Identification", "identify"),
     "harness.api.model": ("Model", "model"),
+    "harness.api.observability": ("observability",),
+    "harness.api.realtime": ("RealTime", "time_steps"),
     "harness.api.recordings": ("read_recording", "simulate"),
+    "harness.api.remedy": ("Remedies", "try_remedies"),
     "harness.api.replay": ("Replay",),
     "harness.api.results": ("Results", "open_results"),
     "harness.api.study": ("Study", "design", "factor", "levels", "read_study"),
+    "harness.api.tune": ("TunedNoise", "Tuning", "tune", "tune_noise"),
     "harness.common.components": ("register",),
     "harness.common.errors": ("ModelError", "UserError"),
 }

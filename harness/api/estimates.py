@@ -62,7 +62,7 @@ def estimate(
         True
     """
     named = _named(estimators)
-    given = _told_apart(recordings_of(recordings, "recordings"))
+    given = named_apart(recordings_of(recordings, "recordings"))
     believed = believed_on(model, given, signals, references, inputs, jobs)
     compiled = [e.on(believed, name) for name, e in named.items()]
     return Estimates(believed, given, _run(believed, compiled, given, seed, jobs))
@@ -93,8 +93,8 @@ def _short(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _told_apart(recordings: list[xr.Dataset]) -> list[xr.Dataset]:
-    """Return recordings each with a name of its own."""
+def named_apart(recordings: list[xr.Dataset]) -> list[xr.Dataset]:
+    """Return recordings each with a name of its own (internal)."""
     from harness.identification.measured_file import names_of
 
     return [r.assign_attrs(name=name) for r, name in zip(recordings, names_of(recordings), strict=True)]
@@ -109,18 +109,20 @@ def _run(
 ) -> list[xr.Dataset]:
     """Return the runs by recording, then by estimator."""
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import TimeElapsedColumn
+
+    from harness.common.stages import bar
 
     drives = [model.drive(r, r.attrs["name"]) for r in recordings]
     tasks = [(i, e) for i in range(len(recordings)) for e in range(len(estimators))]
     found: dict[tuple[int, int], xr.Dataset] = {}
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress, ThreadPoolExecutor(jobs) as pool:
-        bar = progress.add_task("compiling and estimating", total=len(tasks))
+    shown = bar(Console(stderr=True), TimeElapsedColumn(), widest=30)
+    with shown as progress, ThreadPoolExecutor(jobs) as pool:
+        task_shown = progress.add_task("compiling and estimating", total=len(tasks))
         futures = {pool.submit(estimators[e].run, recordings[i], seed, drives[i]): (i, e) for i, e in tasks}
         for future in as_completed(futures):
             found[futures[future]] = future.result()
-            progress.advance(bar)
+            progress.advance(task_shown)
     return [found[task] for task in tasks]
 
 

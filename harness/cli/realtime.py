@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.text import Text
 
 from harness.common.stages import showing
 
@@ -31,25 +30,12 @@ def realtime(
 
     One run, one step per cycle as on a controller; the report compares load and ratios with the dissertation's.
     """
-    from harness.cli.options import RESULTS, quantity, study_path
-    from harness.config import load_study
-    from harness.realtime.measure import contestants, measure
-    from harness.realtime.outcome import judge, write
-    from harness.realtime.report import answer, report
-    from harness.reporting.hooks import first_page
+    from harness.api.realtime import time_steps
+    from harness.api.study import read_study
+    from harness.cli.options import printed, quantity, study_path
 
     seconds = quantity(duration, "s", "--duration")
-    loaded = load_study(study_path(study))
-    chosen, cycle = drive if drive is not None else loaded.drives[0].name, loaded.belief.step
-    console = Console()
-    with showing(console, "building models and drives") as show:
-        field = contestants(loaded, chosen, seconds)
-        times = measure(field, round(seconds / cycle) + 1, cycle, show)
-        outcome = judge(times, loaded, chosen)
-        folder = out if out is not None else RESULTS / f"realtime-{loaded.name}"
-        write(outcome, folder)
-        show("writing the report")
-        paths = report(outcome, first_page("times", outcome, folder)).write(folder)
-    console.print(Text(answer(outcome), style="bold"), soft_wrap=True)
-    for path in paths:
-        console.print(Text(str(path)), soft_wrap=True)
+    times = time_steps(read_study(study_path(study)), drive=drive, duration=seconds)
+    with showing(Console(stderr=True), "writing the report"):
+        paths = times.report(out)
+    printed(times.answer, paths)

@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.text import Text
 
 from harness.cli.options import MOST
 from harness.common.stages import showing
@@ -49,22 +48,20 @@ def remedy(
     model of the effect. What is finished is kept. Writes a report, belief.toml for studies and harness
     estimate, and study.toml.
     """
-    from harness.cli.options import RESULTS, agree_to, command, study_path
-    from harness.config import load_study
-    from harness.remedy.answer import answer
-    from harness.remedy.report import write_remedy
-    from harness.remedy.run import try_remedies
-    from harness.remedy.traced import traced_study
+    from harness.api.remedy import try_remedies
+    from harness.api.study import read_study
+    from harness.cli.options import agree_to, command, printed, study_path
 
-    loaded = load_study(study_path(study), quick)
-    if trace is not None:
-        loaded = traced_study(loaded, trace)
-    folder = out if out is not None else RESULTS / f"remedy-{loaded.name}"
-    agree = None if yes else agree_to
-    tried = try_remedies(loaded, folder, estimator, equipment, jobs, agree, restart)
-    console = Console()
+    remedies = try_remedies(
+        read_study(study_path(study), quick),
+        out,
+        trace=trace,
+        estimator=estimator,
+        equipment=equipment,
+        jobs=jobs,
+        agree=None if yes else agree_to,
+        restart=restart,
+    )
     with showing(Console(stderr=True), "writing the report"):
-        files = write_remedy(tried, folder, command())
-    console.print(Text(answer(tried), style="bold"), soft_wrap=True)
-    for path in files:
-        console.print(Text(str(path)), soft_wrap=True)
+        files = remedies.report(command())
+    printed(remedies.answer, files)

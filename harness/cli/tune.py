@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from rich.console import Console
@@ -16,6 +15,9 @@ from harness.cli.outputs import refuse_input
 from harness.cli.recorded_options import RECORDING, RecordedOptions
 from harness.common.errors import UserError
 from harness.common.stages import showing
+
+if TYPE_CHECKING:
+    from harness.api.tune import Tuning
 
 
 @dataclass(frozen=True)
@@ -94,98 +96,63 @@ def tune(task: TuneTask) -> None:
             raise UserError(
                 "tune a study (harness tune STUDY --drive ...) or recordings (harness tune --data ... --model ...)"
             )
-        if task.objective == "worst-case":
-            _worst_case(task, task.study)
-        elif task.design is not None:
+        if task.design is not None and task.objective == "likelihood":
             raise UserError("--design belongs to --objective worst-case: the likelihood is that of the nominal plant")
-        else:
-            _study(task, task.study)
-        return
+        return _study(task, task.study)
     if any(of_study):
         raise UserError(
             "--data tunes on recordings; leave out the study, --drive, --estimator, --objective and --design"
         )
     if not task.model.vehicle:
         raise UserError("--data needs --model: the vehicle of the recordings")
-    _recordings(task)
+    return _recordings(task)
 
 
 def _study(task: TuneTask, study: str) -> None:
-    """Tune the estimators of a study that state a covariance."""
+    """Tune the estimators of a study that state a covariance; of the likelihood show the factors."""
+    from harness.api.tune import toml_file
+    from harness.api.tune import tune as tuned
+
+    path, of_likelihood = study_path(study), task.objective == "likelihood"
+    out = task.out if of_likelihood else toml_file(task.out)
+    refuse_input(out, path, Path(task.drives))
+    tuning = tuned(
+        path,
+        task.drives,
+        estimators=task.estimators,
+        budget=task.budget,
+        repeats=task.repeats,
+        objective=task.objective,
+        design=task.design,
+        points=task.points,
+        jobs=task.jobs,
+    )
+    written = tuning.write(out, command())
+    if of_likelihood:
+        _show_factors(tuning)
+    else:
+        printed(tuning.answer, ())
+    for file in written:
+        typer.echo(file)
+
+
+def _show_factors(tuning: Tuning) -> None:
     from rich.table import Table
 
-    from harness.config import load_drives, load_study
-    from harness.study.tune import tune as search
-    from harness.study.tune import write_tuning
-
-    loaded = load_study(study_path(study), tuned=False)
-    refuse_input(task.out, loaded.path, Path(task.drives))
-    training = dataclasses.replace(loaded, drives=load_drives(task.drives, loaded.path.parent))
-    console = Console(stderr=True)
-    with showing(console, "tuning") as show:
-        tuned = search(training, task.budget, task.repeats, lambda name: show(f"tuning {name}"), task.estimators)
-    write_tuning(task.out, training, task.budget, task.repeats, tuned, command())
     table = Table("estimator", "process", "unknown inputs", "measurement", "log-likelihood before", "after", box=None)
-    for name, tuning in tuned.items():
-        factors = [f"{tuning.factors[group]:.3g}" for group in ("process", "unknown_inputs", "measurement")]
-        table.add_row(name, *factors, f"{tuning.before:.1f}", f"{tuning.after:.1f}")
+    for name, (*factors, before, after) in tuning.factors.iterrows():
+        table.add_row(str(name), *(f"{f:.3g}" for f in factors), f"{before:.1f}", f"{after:.1f}")
     Console().print(table)
-    for name, tuning in tuned.items():
-        for group in tuning.at_the_edge:
-            console.print(f"{name}: the factor on {group} lies at the end of the search; state that noise anew")
-    typer.echo(task.out)
-
-
-def _worst_case(task: TuneTask, study: str) -> None:
-    """Tune the estimators of a study for the worst case in the box of a design, and write file and report."""
-    from harness.common.registry import closest
-    from harness.config import load_drives, load_study
-    from harness.study import worst_case, worst_case_report
-
-    out, budget, points = _toml(task.out), task.budget, task.points
-    loaded = load_study(study_path(study), tuned=False)
-    refuse_input(out, loaded.path, Path(task.drives))
-    names = [d.name for d in loaded.designs]
-    if task.design is not None and task.design not in names:
-        raise UserError(
-            f"--design {task.design}: study '{loaded.name}' has no such design{closest(task.design, names)}"
-        )
-    box = loaded.design(task.design or names[0])
-    training = dataclasses.replace(loaded, drives=load_drives(task.drives, loaded.path.parent))
-    with showing(Console(stderr=True), "simulating the training runs") as show:
-        tuned = worst_case.tune_for_worst_case(
-            training, box, budget, points, task.estimators, jobs=task.jobs, progress=lambda n: show(f"tuning {n}")
-        )
-        worst_case.write_worst_case(out, training, box, budget, points, tuned, command())
-        show("report")
-        files = worst_case_report.report(training, box, tuned, command()).write(out.parent, out.stem)
-    printed(worst_case_report.answer(tuned), (out, *files))
+    for note in tuning.notes:
+        Console(stderr=True).print(note)
 
 
 def _recordings(task: TuneTask) -> None:
     """Tune on recordings and write the parameter file, its numbers and the report."""
-    from harness.api.estimator import believed_on
-    from harness.recorded.tuning import tune_noise
-    from harness.recorded.tuning_report import report, write_tuning
+    from harness.api.tune import toml_file, tune_noise
 
-    out = _toml(task.out)
-    with showing(Console(stderr=True), "reading") as show:
+    out = toml_file(task.out)
+    with showing(Console(stderr=True), "reading"):
         recordings = task.recordings()
-        believed = believed_on(task.believed(recordings), recordings, inputs=task.inputs, jobs=task.jobs)
-        show("compiling")
-        tuned = tune_noise(believed, recordings, task.by, show)
-        show("report")
-        files = write_tuning(out, tuned)
-        files += report(tuned, command()).write(out.parent, out.stem)
-    printed(tuned.answer, files)
-
-
-def _toml(out: Path) -> Path:
-    """Return a file to write to.
-
-    Raises:
-        UserError: If its name is none of a TOML file.
-    """
-    if out.suffix != ".toml":
-        raise UserError(f"--out {out}: name a TOML file, such as tuned.toml")
-    return out
+    tuning = tune_noise(task.believed(recordings), recordings, by=task.by, inputs=task.inputs, jobs=task.jobs)
+    printed(tuning.answer, tuning.write(out, command()))

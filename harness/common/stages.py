@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
+from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, TextColumn
+from rich.table import Column
 from rich.text import Text
 
 PAUSE = 5.0
@@ -57,3 +59,16 @@ class _Lines:
             if self._now != said:
                 said = self._now
                 self._console.print(Text(said), soft_wrap=True)
+
+
+def bar(console: Console, *further: ProgressColumn, widest: int = 20, transient: bool = True) -> Progress:
+    """Return a progress bar of one line: what is done, a bar, and further columns.
+
+    Args:
+        console: Where it is shown.
+        further: Columns behind the bar; 56 characters less ``widest`` are left to them on a line of 80.
+        widest: Characters of what is done, which is cut behind them.
+        transient: Whether it goes away at the end.
+    """
+    what = TextColumn("{task.description}", table_column=Column(no_wrap=True, overflow="ellipsis", max_width=widest))
+    return Progress(SpinnerColumn(), what, BarColumn(bar_width=12), *further, console=console, transient=transient)

@@ -16,13 +16,14 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 from rich.console import Console
-from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.progress import TimeElapsedColumn
 from rich.text import Text
 from threadpoolctl import threadpool_limits
 
 from harness.common.errors import UserError
 from harness.common.failures import Failures
 from harness.common.places import inside
+from harness.common.stages import bar
 from harness.config import ModelSpec
 from harness.diagnosis.criteria import ROUNDS
 from harness.diagnosis.fitting.fit import KeptFits
@@ -97,10 +98,9 @@ def progress(console: Console) -> Iterator[Callable[[str], None]]:
         line("compiling the library of effects")
         yield line
         return
-    columns = SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("compiling the library of effects", total=None)
-        yield lambda what: bar.update(task, description=stages.said(what))
+    with bar(console, TimeElapsedColumn(), widest=54) as progress_bar:
+        task = progress_bar.add_task("compiling the library of effects", total=None)
+        yield lambda what: progress_bar.update(task, description=stages.said(what))
 
 
 CALM = 0.3

@@ -106,6 +106,10 @@ class RecordedModel:
         self.compiled = compile_model(model, spec.step, spec.integrator, spec.substeps, self.signals)
         self.filtered = Innovations(spec, jobs=jobs)
 
+    def __reduce__(self) -> tuple[type[RecordedModel], tuple[Any, ...]]:
+        """Pickle what it is made of: its kernels are compiled again."""
+        return RecordedModel, (self.spec, self.signals, self.inputs, self.references, self.filtered.jobs)
+
     def drive(
         self, recording: xr.Dataset, name: str = "recording", input_signal: InputSignal | None = None
     ) -> DriveData:

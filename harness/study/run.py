@@ -20,16 +20,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import joblib
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    ProgressColumn,
-    SpinnerColumn,
-    Task,
-    TextColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import MofNCompleteColumn, ProgressColumn, Task, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
 from harness.common.errors import WorkError
@@ -37,6 +28,7 @@ from harness.common.files import write_files
 from harness.common.lock import Lock, locked
 from harness.common.places import reached
 from harness.common.process import peak_memory_mib
+from harness.common.stages import bar
 from harness.config import Study
 from harness.config.specs import Device
 from harness.engine.further_processes import Compiles, compile_all
@@ -283,11 +275,8 @@ def _evaluate(
 
         each = None if plan.seconds is None else plan.seconds * min(plan.workers, len(todo)) / len(todo)
         finished = cluster.evaluate(client, study, store.folder, todo, console, each)
-    columns = (
-        SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), _Rate(total - left),
-        TextColumn("left"), TimeRemainingColumn(),
-    )  # fmt: skip
-    with Progress(*columns, console=console) as progress:
+    columns = MofNCompleteColumn(), _Rate(total - left), TextColumn("left"), TimeRemainingColumn()
+    with bar(console, *columns, transient=False) as progress:
         task = progress.add_task(study.name, total=total, completed=total - left)
         for unit in finished:
             progress.advance(task, unit.runs(study))

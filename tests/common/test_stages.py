@@ -3,9 +3,11 @@
 import io
 import time
 
+import pytest
 from rich.console import Console
+from rich.progress import MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from harness.common.stages import showing
+from harness.common.stages import bar, showing
 
 FIRST = "the first, which is longer than a line"
 
@@ -35,3 +37,20 @@ def test_on_a_terminal_no_line_is_left() -> None:
     with showing(Console(file=written, force_terminal=True, width=40), "reading") as show:
         show("writing")
     assert written.getvalue().endswith("\x1b[2K")  # the line is erased
+
+
+@pytest.mark.parametrize(
+    ("columns", "widest"),
+    [
+        ((MofNCompleteColumn(), TextColumn("12345 runs/s"), TextColumn("left"), TimeRemainingColumn()), 20),
+        ((TimeElapsedColumn(),), 54),
+    ],
+)
+def test_a_progress_line_fits_80_columns(columns, widest) -> None:
+    written = io.StringIO()
+    progress = bar(Console(file=written, width=200, force_terminal=True, color_system=None), *columns, widest=widest)
+    progress.add_task("what takes long, of a study with a name of many words" * 3, total=10**6, completed=123_456)
+    progress.console.print(progress.get_renderable())
+    (line,) = written.getvalue().splitlines()
+    assert len(line.rstrip()) <= 80
+    assert "what takes long" in line
