@@ -1,4 +1,4 @@
-"""Drives and estimators, of a study or stated alone, with their options checked."""
+"""Drives and estimators, of a study or stated alone, and options of its report, all checked."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ from pydantic import BaseModel
 from harness.common import locations, registry
 from harness.common.errors import UserError
 from harness.common.files import read_toml
-from harness.common.units import refuse_misread
+from harness.common.units import refuse_misread, to_si
 from harness.config.problems import Problems, validated
 from harness.config.roles import ESTIMATORS
 from harness.config.schema import DrivesFile, DriveTable, EstimatorTable, OpenTable, StudyFile
-from harness.config.specs import DriveSpec, EstimatorSpec
+from harness.config.specs import DesignSpec, DriveSpec, EstimatorSpec, OverTimeSpec
 from harness.models.drive_options import options_of
+from harness.models.signals import SIGNALS
 
 _Open = TypeVar("_Open", bound=OpenTable)
 
@@ -191,3 +192,70 @@ def _single(content: Mapping[str, Any], table: type[_Open], problems: Problems) 
     problems.stop()
     assert checked is not None
     return checked
+
+
+def limits(raw: StudyFile, problems: Problems) -> dict[str, float]:
+    """Return the largest tolerable RMSE by target in SI; a tolerance design needs at least one.
+
+    Args:
+        raw: The study file.
+        problems: Where problems are noted.
+    """
+    largest: dict[str, float] = {}
+    for name, written in raw.limits.items():
+        key = f"limits.{name}"
+        if name not in raw.targets:
+            problems.add(key, f"a limit belongs to a target, '{name}' is none{registry.closest(name, raw.targets)}")
+            continue
+        with problems.catch(key):
+            largest[name] = to_si(written, SIGNALS[name].unit if name in SIGNALS else "", problems.at(key))
+            if not largest[name] > 0.0:
+                problems.add(key, f"an RMSE is never below zero; give a positive limit, not {written!r}")
+    for i, design in enumerate(raw.design):
+        if design.sampling == "tolerance" and not raw.limits:
+            problems.add(
+                f"design[{i}].sampling",
+                "a tolerance map needs the error that counts as tolerable; add a table [limits] with an RMSE for a "
+                f"target, e.g. {raw.targets[0]} = ...",
+            )
+    return largest
+
+
+def score_after(raw: StudyFile, problems: Problems) -> float:
+    """Return the time in s after which scores count."""
+    with problems.catch("score_after"):
+        seconds = to_si(raw.score_after, "s", problems.at("score_after"))
+        if seconds < 0:
+            problems.add("score_after", f"a time from the beginning of a drive is not negative, got {seconds:g} s")
+        return seconds
+    return 0.0
+
+
+def over_time(
+    raw: StudyFile, designs: list[DesignSpec], drives: list[DriveSpec], problems: Problems
+) -> OverTimeSpec | None:
+    """Return the drive along which errors are kept in windows, or ``None`` if none was asked for or one is wrong.
+
+    Args:
+        raw: The study file.
+        designs: Those that could be resolved.
+        drives: Those that could be resolved.
+        problems: Where problems are noted.
+    """
+    table, key = raw.report.sensitivity_over_time, "report.sensitivity_over_time"
+    if table is None:
+        return None
+    before = len(problems)
+    suited = [d.name for d in raw.design if d.sampling == "saltelli"]
+    if table.design not in suited:
+        near = registry.closest(table.design, suited)
+        problems.add(f"{key}.design", f"'{table.design}' is no design with sampling = 'saltelli'{near}")
+    if drives and table.drive not in [d.name for d in drives]:
+        near = registry.closest(table.drive, [d.name for d in drives])
+        problems.add(f"{key}.drive", f"there is no drive '{table.drive}'{near}")
+    window = 0.0
+    with problems.catch(f"{key}.window"):
+        window = to_si(table.window, "s", problems.at(f"{key}.window"))
+        if not window > 0.0:
+            problems.add(f"{key}.window", f"give a positive length, not {table.window!r}")
+    return OverTimeSpec(table.design, table.drive, window) if len(problems) == before else None

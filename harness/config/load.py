@@ -13,11 +13,19 @@ from harness.common import registry
 from harness.common.errors import ModelError, UserError
 from harness.common.files import parse_toml, read_text, refuse_control_characters, toml_text
 from harness.config.designs import resolve_design
-from harness.config.entries import drives_of, estimator_specs, names_file, refuse_twice, whole_paths
+from harness.config.entries import (
+    drives_of,
+    estimator_specs,
+    limits,
+    names_file,
+    over_time,
+    refuse_twice,
+    score_after,
+    whole_paths,
+)
 from harness.config.factors import Models, number
 from harness.config.model import resolve_model, stated
 from harness.config.problems import Problems, validated
-from harness.config.report_options import limits, over_time, score_after
 from harness.config.schema import DriveTable, HistoryTable, StudyFile
 from harness.config.specs import CountFrom, DesignSpec, DriveSpec, HistorySpec, ModelSpec, Study
 from harness.config.tuning import with_tuning

@@ -14,7 +14,7 @@ import xarray as xr
 
 from harness.common.arrays import Floats
 from harness.models.assembly.model import Model
-from harness.models.assembly.plan import Plan
+from harness.models.assembly.plan import GroundPlan
 from harness.models.signals import SIGNALS
 
 BEFORE = "_before_"
@@ -33,7 +33,7 @@ def lateral_signal(model: Model, body: str) -> str | None:
     return found.name if isinstance(found, sp.Symbol) else None
 
 
-def motion(plan: Plan, model: Model, everything: xr.Dataset, parameters: Mapping[str, float]) -> xr.Dataset:
+def motion(plan: GroundPlan, model: Model, everything: xr.Dataset, parameters: Mapping[str, float]) -> xr.Dataset:
     """Return how a vehicle moves, SI units.
 
     Args:

@@ -21,7 +21,7 @@ from harness.common.arrays import Floats
 from harness.config import Study
 from harness.config.alone import Change, alone
 from harness.engine.simd.lanes import LANES
-from harness.models.assembly.plan import Plan, Planner
+from harness.models.assembly.plan import GroundPlan, Planner
 from harness.models.roles import VEHICLES
 from harness.models.signals import signal_attributes
 from harness.runner.contract import Batch, Held, InputSeries, Signals
@@ -79,7 +79,7 @@ class Replayed:
     data: xr.Dataset
     plant: dict[str, float]
     everything: xr.Dataset | None = None
-    plan: Plan | None = None
+    plan: GroundPlan | None = None
     motion: xr.Dataset | None = None
     paths: Mapping[str, tuple[Floats, Floats]] = field(default_factory=dict)
 
@@ -182,7 +182,7 @@ class Replayer:
 
     def _watched(
         self, unit: Unit, case: list[Case], plant: Held, held: Mapping[str, float]
-    ) -> tuple[xr.Dataset, Plan | None, xr.Dataset | None]:
+    ) -> tuple[xr.Dataset, GroundPlan | None, xr.Dataset | None]:
         """Return what the plant publishes in a run, and how it moves."""
         names = self._watched_signals.names
         batch = self.evaluator.simulate(unit, case, plant=plant, record=self._watched_signals)

@@ -30,7 +30,7 @@ from bokeh.transform import linear_cmap
 
 from harness.common.arrays import Floats
 from harness.common.series import largest
-from harness.models.assembly.plan import Plan
+from harness.models.assembly.plan import GroundPlan
 from harness.models.quantities import quantity, words
 from harness.reporting.style import Look
 from harness.study.motion import lateral_signal
@@ -379,7 +379,7 @@ def _geometry(run: Replayed, chosen: dict[str, Look]) -> dict[str, Any]:
     }
 
 
-def _extent(plan: Plan, frames: Mapping[str, Floats], reach: float) -> dict[str, list[float]]:
+def _extent(plan: GroundPlan, frames: Mapping[str, Floats], reach: float) -> dict[str, list[float]]:
     """Return the corners of what the vehicle, true or estimated, ever takes up in the axes of its first body."""
     first, *others = plan.outlines.values()
     x, y = [first.front + reach, first.back - reach], [first.width / 2 + 2 * reach, -first.width / 2 - 2 * reach]

@@ -63,7 +63,7 @@ class Outline:
 
 
 @dataclass(frozen=True)
-class Plan:
+class GroundPlan:
     """Where things are on a vehicle.
 
     Attributes:
@@ -121,7 +121,7 @@ class Planner:
             self._symbols = sorted({s for e in wanted for s in e.free_symbols}, key=str)
             self._numbers = sp.lambdify(self._symbols, wanted, "math")
 
-    def plan(self, values: Mapping[str, float]) -> Plan | None:
+    def plan(self, values: Mapping[str, float]) -> GroundPlan | None:
         """Return the plan of the vehicle; ``None`` if its equations do not say where its axles stand.
 
         Args:
@@ -138,7 +138,7 @@ class Planner:
             points = [(a.x, a.y) for a in axles.values() if a.body == body] + ([(coupling[i], 0.0)] if coupling else [])
             ends = stated.get(body)
             outlines[body] = Outline(ends[0], ends[1], ends[2], True) if ends else _guessed(points)
-        return Plan(axles, coupling, outlines)
+        return GroundPlan(axles, coupling, outlines)
 
 
 @functools.lru_cache(maxsize=8)

@@ -20,7 +20,7 @@ from harness.diagnosis.model.hypotheses import Hypothesis, hypotheses
 from harness.models.assembly.assemble import Model, symbol
 from harness.models.assembly.candidates import assembled
 from harness.models.assembly.placement import Layout, suffix
-from harness.models.assembly.plan import Plan
+from harness.models.assembly.plan import GroundPlan
 from harness.models.roles import VEHICLES
 from harness.models.signals import SIGNALS
 
@@ -163,12 +163,12 @@ def _coupling(augmented: AugmentedModel, ports: Mapping[tuple[str, ...], Disturb
     return DisturbanceInput(_COUPLING, "port", follower.unit, (_COUPLING,), parameters, begins, never, limit=limit)
 
 
-def place_of(plan: Plan, disturbance_input: DisturbanceInput) -> float:
+def place_of(plan: GroundPlan, disturbance_input: DisturbanceInput) -> float:
     """Return where an input acts, in m ahead of the CoG of the first body; of all bodies the middle of them."""
     return float(np.mean([place_of_port(plan, port) for port in disturbance_input.ports]))
 
 
-def place_of_port(plan: Plan, port: str) -> float:
+def place_of_port(plan: GroundPlan, port: str) -> float:
     """Return where a port of a model is, in m ahead of the CoG of the first body; of all bodies the middle of them."""
     name = port.removeprefix("sensor_")
     axle = name.rpartition("_axle_")[2]

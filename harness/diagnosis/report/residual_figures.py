@@ -20,7 +20,7 @@ from harness.diagnosis.residuals.innovation_tests import CrossCorrelation, NisOv
 from harness.diagnosis.residuals.order_analysis import WAVELENGTHS, PeriodicDisturbance
 from harness.diagnosis.result.answer import entry, shown
 from harness.identification.data import DriveData
-from harness.models.assembly.plan import Plan
+from harness.models.assembly.plan import GroundPlan
 from harness.models.quantities import listed, print_unit, quantity, words
 from harness.reporting import style
 
@@ -49,7 +49,7 @@ def _port_row(port: str, unit: str = "") -> str:
     return {"N": "force", "N*m": "yaw moment"}.get(unit, "other")
 
 
-def picture(plan: Plan, ranked_inputs: Sequence[RankedInput], added: Mapping[str, Collection[str]]) -> bytes:
+def picture(plan: GroundPlan, ranked_inputs: Sequence[RankedInput], added: Mapping[str, Collection[str]]) -> bytes:
     """Return the vehicle from above with a mark per input, its area proportional to the gain in likelihood.
 
     Args:
@@ -98,7 +98,7 @@ def picture(plan: Plan, ranked_inputs: Sequence[RankedInput], added: Mapping[str
         return style.svg(fig)
 
 
-def _bodies(axes: Axes, plan: Plan) -> tuple[float, float]:
+def _bodies(axes: Axes, plan: GroundPlan) -> tuple[float, float]:
     """Draw bodies, wheels and kingpin; return the ends of the vehicle."""
     low, high = np.inf, -np.inf
     for body, cog in plan.cogs.items():

@@ -27,7 +27,7 @@ from harness.diagnosis.selection.posterior import ComparedModel, Posterior
 from harness.diagnosis.selection.validation import Judgement
 from harness.identification.result import FILE, series_of
 from harness.models.assembly.placement import load_effect, ports_of, split
-from harness.models.assembly.plan import Plan, planner
+from harness.models.assembly.plan import GroundPlan, planner
 from harness.models.roles import VEHICLES
 from harness.models.signals import SIGNALS
 
@@ -89,12 +89,12 @@ def _measured_ranges(augmented: AugmentedModel) -> dict[str, Any]:
     return {name: {"lower": low, "upper": high} for name, (low, high) in held.items()}
 
 
-def _plan(outcome: Outcome) -> Plan | None:
+def _plan(outcome: Outcome) -> GroundPlan | None:
     augmented = outcome.trace.fitting.augmented
     return planner(augmented.nominal, VEHICLES.load(augmented.spec.vehicle)).plan(augmented.spec.values)
 
 
-def _vehicle(plan: Plan | None) -> dict[str, Any] | None:
+def _vehicle(plan: GroundPlan | None) -> dict[str, Any] | None:
     """Return where things are on the straight vehicle, in m ahead of the CoG of its first body."""
     if plan is None:
         return None
@@ -282,7 +282,7 @@ def _models(outcome: Outcome) -> dict[str, str]:
     }
 
 
-def ranking_record(localisation: Localisation, plan: Plan | None) -> list[dict[str, Any]]:
+def ranking_record(localisation: Localisation, plan: GroundPlan | None) -> list[dict[str, Any]]:
     """Return ``pinpoint`` of ``trace.json``: every input, the one that explains most first, and where it acts."""
     if localisation.nominal is None or localisation.final is None:
         return []
