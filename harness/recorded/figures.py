@@ -10,8 +10,10 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from numpy.typing import NDArray
 
 from harness.common.arrays import Floats
+from harness.common.series import thinned
 from harness.models.quantities import quantity
 from harness.recorded.summary import outputs_of
 from harness.reporting import style
@@ -42,7 +44,8 @@ def estimates(runs: Sequence[xr.Dataset], signals: Sequence[str], title: str) ->
     measured = {runs[0][f"measured_{n}"].attrs["port"]: f"measured_{n}" for n in outputs_of(runs[0])}
 
     def panel(axes: Axes, name: str, chosen: dict[str, Look]) -> None:
-        q, some = quantity(name), _thinned(runs[0])
+        q = quantity(name)
+        some = _thinned(runs, name, f"{name}_std", f"reference_{name}", measured.get(name, ""))
         time = runs[0]["time"].to_numpy()[some]
         if name in measured:
             values = q.scale * runs[0][measured[name]].to_numpy()[some]
@@ -68,7 +71,7 @@ def innovations(runs: Sequence[xr.Dataset], title: str) -> bytes:
     """Return the innovations of every output with the band that each estimator states."""
 
     def panel(axes: Axes, name: str, chosen: dict[str, Look]) -> None:
-        q, some = quantity(name), _thinned(runs[0])
+        q, some = quantity(name), _thinned(runs, f"innovation_{name}", f"innovation_std_{name}")
         time = runs[0]["time"].to_numpy()[some]
         for run in runs:
             look = chosen[run.attrs["estimator"]]
@@ -87,7 +90,7 @@ def errors(runs: Sequence[xr.Dataset], signals: Sequence[str], title: str) -> by
     """Return estimate less reference with the band that each estimator states."""
 
     def panel(axes: Axes, name: str, chosen: dict[str, Look]) -> None:
-        q, some = quantity(name), _thinned(runs[0])
+        q, some = quantity(name), _thinned(runs, f"error_{name}", f"{name}_std")
         time = runs[0]["time"].to_numpy()[some]
         for run in runs:
             look = chosen[run.attrs["estimator"]]
@@ -189,8 +192,10 @@ def _line(run: xr.Dataset, chosen: dict[str, Look]) -> Line2D:
     return Line2D([], [], color=look.line, ls=look.dashes, lw=1.3, label=run.attrs["estimator"])
 
 
-def _thinned(run: xr.Dataset) -> slice:
-    return slice(None, None, max(1, run.sizes["time"] // _POINTS))
+def _thinned(runs: Sequence[xr.Dataset], *names: str) -> NDArray[np.int64]:
+    """Return the samples that stand for all of some lines of runs, with every extreme of each."""
+    lines = [run[name].to_numpy() for run in runs for name in names if name in run]
+    return thinned(lines, 0, runs[0].sizes["time"], max(50, _POINTS // (1 + 2 * len(lines))))
 
 
 def _within(axes: Axes, values: Sequence[Floats]) -> None:

@@ -9,6 +9,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
+from harness.common.series import thinned
 from harness.models.quantities import Quantity, quantity
 from harness.reporting import style
 from harness.reporting.document import Block, Heading, Picture, Prose, Sheet, plain
@@ -149,22 +150,9 @@ def _limit(axes: Axes, shown: list[NDArray[np.float64]]) -> None:
 
 
 def thin(time: NDArray, values: NDArray) -> tuple[NDArray, NDArray]:
-    """Keep the smallest and largest value of each of some hundred spans, so that no peak is lost.
-
-    Returns:
-        Times and values to draw, at most ``2 * _POINTS`` or the input itself if it is shorter.
-    """
-    step = -(-len(values) // _POINTS)
-    if step <= 2:
-        return time, values
-    spans = np.full((-(-len(values) // step), step), np.nan)
-    spans.flat[: len(values)] = values
-    start = step * np.arange(len(spans))
-    lowest = start + np.argmin(np.where(np.isnan(spans), np.inf, spans), axis=1)
-    highest = start + np.argmax(np.where(np.isnan(spans), -np.inf, spans), axis=1)
-    # A span without a value keeps its first sample, NaN, so that a gap stays a gap.
-    order = np.unique(np.concatenate([[0, len(values) - 1], lowest, highest]))
-    return time[order], values[order]
+    """Return times and values of a line of at most ``2 * _POINTS`` samples that has every extreme."""
+    rows = thinned([values], 0, len(values), 2 * _POINTS // 3)
+    return time[rows], values[rows]
 
 
 def envelope(time: NDArray, lower: NDArray, upper: NDArray) -> tuple[NDArray, NDArray, NDArray]:
