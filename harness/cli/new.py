@@ -159,7 +159,7 @@ def _channels(given: str, out: Path | None, console: Console) -> tuple[str, list
         out = Path(f"{called}.toml") if root is None else root / locations.CHANNELS.in_project / f"{called}.toml"
     if out.exists():
         raise UserError(f"{locations.shown(out)}: is there already, and nothing is written over; say another by --out")
-    for sentence in found.said():
+    for sentence in found.lines():
         console.print(Text(sentence), soft_wrap=True)
     in_project = locations.project() is not None and out.parent.name == locations.CHANNELS.in_project
     return out.stem if in_project else str(out), write_files(out.parent, {out.name: found.text})

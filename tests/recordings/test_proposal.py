@@ -107,7 +107,7 @@ def test_a_stated_unit_counts_and_every_reason_is_given(recording, tmp_path):
     assert guessed(path)["yaw_rate"][1] == "deg/s"
     assert guessed(path)["heading"][1] == "deg"
     assert list(found.left_out) == ["Temp"]
-    said = "\n".join(found.said())
+    said = "\n".join(found.lines())
     assert "unit by the name" in said
     assert "ISO 8855" in said
     assert all(g.why for g in found.guesses)

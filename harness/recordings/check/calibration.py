@@ -32,13 +32,13 @@ from harness.recordings.motion.consistency import (
 from harness.recordings.motion.pair_fit import Agreement
 
 _MOST = 3
-"""Causes that are looked for together."""
+"""Most causes in a set."""
 _ROUNDS = 4
 """Most iterations about the last estimate: the response to a large cause is not that to a small one."""
 _KEPT = 200
 """Sets of causes that are extended by one more."""
 _SPREADS = (1 / 8, 1 / 2, 2.0)
-"""Standard deviations of a cause beforehand, in its usual size; one is as probable as the other."""
+"""Prior standard deviations of a cause, in its usual size; all are equally probable."""
 _ANY = 10.0
 """Usual sizes that a value may have once its cause is decided."""
 _NEARLY = 0.75
@@ -76,7 +76,7 @@ def causes(
         fits: Comparisons of the signals, mended of the faults.
         smoothed: The signals that they compare.
         twins: All signals that are read from the channel of a signal.
-        only: Causes beside which no other is looked for.
+        only: The only candidates; all by default.
     """
     used = [f for f in fits if tells(f)]
     if not used:
@@ -115,7 +115,7 @@ def _moved(residual: Response, taken_out: Sequence[Cause], channels: Sequence[tu
 
 
 def _alike(before: Sequence[Cause], after: Sequence[Cause]) -> bool:
-    """Tell whether the causes are the same as before, within a third of their standard deviations."""
+    """Return whether the causes are the same as before, within a third of their standard deviations."""
     old = {(c.kind, c.signals): c.value for c in before}
     new = {(c.kind, c.signals): c for c in after}
     return set(old) == set(new) and all(abs(new[key].value - old[key]) < new[key].doubt / 3 for key in new)
@@ -199,7 +199,7 @@ def _misread_together(
 def _devices(
     channels: Sequence[tuple[str, ...]], smoothed: SmoothedSignals
 ) -> Iterator[tuple[tuple[int, ...], tuple[str, ...]]]:
-    """Yield which signals may be of one device, late together: by what it measures, by name, and by rate.
+    """Yield the signals that may be of one device, late together: by kind, by name, and by rate.
 
     Those that nothing is compared with are late with the others, so that two devices may show alike.
     """
@@ -227,7 +227,7 @@ def _devices(
 
 
 def _group_of(channel: str) -> str:
-    """Return what the name of a column says of its device: the message or structure, or the first word."""
+    """Return the device of a column by its name: the message or structure, or the first word."""
     for separator in "./:":
         if separator in channel:
             return channel.rpartition(separator)[0]
@@ -283,7 +283,7 @@ class _CauseEvidence:
         return self._prior[sets].sum(axis=1) + fits + cut.sum(axis=1)
 
     def _weighed(self) -> dict[tuple[int, ...], float]:
-        """Return what sets of causes score, each cause with each spread; sets are extended by one cause at a time."""
+        """Return the scores of sets of causes, each cause with each spread; sets grow by one cause at a time."""
         scores: dict[tuple[int, ...], float] = {(): 0.0}
         frontier: list[tuple[int, ...]] = [()]
         for _ in range(min(_MOST, len(self._options))):
@@ -325,7 +325,7 @@ class _CauseEvidence:
         weights: Mapping[tuple[int, ...], float],
         spreads: Mapping[tuple[int, ...], tuple[int, ...]],
     ) -> tuple[tuple[Cause, ...], ...]:
-        """Return what stands in the place of a cause of the best set in other sets that are probable."""
+        """Return the causes that replace one of the best set in other probable sets."""
         weight_of: dict[tuple[int, ...], float] = {}
         first: dict[tuple[int, ...], tuple[int, ...]] = {}
         for subset, weight in sorted(weights.items(), key=lambda item: -item[1]):
@@ -363,7 +363,7 @@ class _CauseEvidence:
 
 
 def _matters(cause: Cause, fits: Sequence[Agreement]) -> bool:
-    """Tell whether a cause is sure and large enough to be stated."""
+    """Return whether a cause is sure and large enough to be stated."""
     concerned = [f for f in fits if set(cause.signals) & set(f.relation.signals)]
     if cause.kind == SCALE:
         least = LEAST_SCALE[any(f.relation.through_zero and f.relation.signal in cause.signals for f in concerned)]

@@ -1,7 +1,7 @@
 """Catalogue of faults of a recording or its channel map, and causes of small deviations.
 
 A fault is stated by what mends it: a factor, a reversed sign, two channels exchanged, another convention of the
-heading, another unit of time, with its probability beforehand. Several of them make up a hypothesis; ``explain`` finds
+heading, another unit of time, with its prior probability. Several of them make up a hypothesis; ``explain`` finds
 the most probable one. A cause is a scale, an offset, a delay or a drift; ``calibration`` estimates them.
 """
 
@@ -31,7 +31,7 @@ class RecordingFault:
         factor: What the signals have to be multiplied by (for ``EXCHANGED``: the first one, the second divided).
         offset: What has to be added after that, rad.
         log_prior: Logarithm of its prior probability.
-        words: What is wrong.
+        words: The fault in words.
     """
 
     kind: str
@@ -67,7 +67,7 @@ _UNITS: dict[str, tuple[tuple[float, float, str], ...]] = {
         (0.001, _SELDOM, "a unit a thousand times smaller than the map says"),
     ),
 }
-"""What to multiply by, how probable, and what is wrong, by the kind of unit."""
+"""Factor, logarithm of the prior, and words, by the kind of unit."""
 
 _CONVENTIONS: tuple[tuple[int, float, float, str], ...] = (
     (-1, 90.0, _COMMON, "a compass heading: clockwise from north"),
@@ -78,7 +78,7 @@ _CONVENTIONS: tuple[tuple[int, float, float, str], ...] = (
     (-1, -90.0, _RARE, "clockwise from south"),
     (-1, 180.0, _RARE, "clockwise from west"),
 )
-"""Sign, degrees to be added, probability, and what is wrong with the heading."""
+"""Sign, degrees to be added, logarithm of the prior, and words of a convention of the heading."""
 
 _TIMES: tuple[tuple[float, float, str], ...] = (
     (1e-3, _COMMON, "ms where the map says s"),
@@ -101,7 +101,7 @@ def family(signal: str) -> str:
 def catalogue(
     signals: Collection[str], scales: Mapping[str, float], twins: Mapping[str, tuple[str, ...]]
 ) -> list[RecordingFault]:
-    """Return what may be wrong with a recording of such signals.
+    """Return the possible faults of a recording of such signals.
 
     Args:
         signals: The signals that anything can be said about.
@@ -130,7 +130,7 @@ def catalogue(
 
 
 def _faults_of_channel(signal: str, together: tuple[str, ...]) -> list[RecordingFault]:
-    """Return what may be wrong with one channel."""
+    """Return the possible faults of one channel."""
     kind = family(signal)
     faults = []
     if not signal.startswith("position"):
@@ -188,7 +188,7 @@ class Cause:
         signals: The signals concerned: those of one channel, of several of one device, or of one clock.
         value, std: Factor minus 1, SI units, s, or s over the recording, with the standard error.
         doubt: Standard deviation of the value with what every channel may be off without a fault.
-        posterior: Its probability among the causes that were looked at.
+        posterior: Its probability among the candidate causes.
         clock: Which clock drifts or is late as a whole; -1 for a channel.
         rivals: What may be in its place, the most probable first; nothing at all is an empty one.
     """

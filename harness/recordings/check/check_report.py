@@ -113,8 +113,8 @@ def _comparisons(fits: Sequence[Agreement]) -> Picture:
             axes.plot(time, fit.computed[rows] * scale, color=_COMPUTED, lw=1.6, alpha=0.9)
             axes.plot(time, fit.measured[rows] * scale, color=_MEASURED, lw=0.8)
             axes.set_ylabel(print_unit(unit))
-            said = ", ".join(fit.reasons) if fit.verdict == DISAGREES else f"R² {fit.explained:.3f}"
-            axes.set_title(f"{words(fit.relation.signal)} and {fit.relation.formula}: {said}", loc="left")
+            verdict = ", ".join(fit.reasons) if fit.verdict == DISAGREES else f"R² {fit.explained:.3f}"
+            axes.set_title(f"{words(fit.relation.signal)} and {fit.relation.formula}: {verdict}", loc="left")
             axes.grid(axis="y")
             axes.margins(x=0)
         panels[-1].set_xlabel("time in s")
@@ -176,14 +176,14 @@ RECORD, SIGNALS_FILE = "check.json", "signals.npz"
 
 
 def _overview(recording: xr.Dataset) -> str:
-    """Say in a few words what was read."""
+    """Return the size of a recording in words."""
     time = recording["time"].values
     step = float(time[1] - time[0])
     return f"{len(recording.data_vars)} signals over {time[-1]:.2f} s at {1 / step:.6g} Hz, {len(time)} samples"
 
 
 def _read(recording: xr.Dataset) -> str:
-    """Say which file, or part of one, was read, and by which map: the title of a map is no recording's name."""
+    """Return the file, or part of one, and the title of the channel map: that is no recording's name."""
     title = recording.attrs["title"]
     return f"{named(recording)}: {_overview(recording)}" + (f"; channel map: {title}" if title else "")
 

@@ -75,9 +75,9 @@ class Examination:
 
     Attributes:
         fits: Comparisons of its signals as the map reads them.
-        hypotheses: What the catalogue explains it by, the most probable first.
-        causes: What is off by a little once the faults of the first hypothesis are mended, as far as it is sure and
-            the comparisons agree better without it.
+        hypotheses: Sets of faults of the catalogue, the most probable first.
+        causes: Small deviations once the faults of the first hypothesis are mended, as far as they are sure and the
+            comparisons agree better without them.
         mended: Comparisons without those faults.
         findings: All of it in words.
     """
@@ -167,7 +167,7 @@ def _upright(signals: Mapping[str, Floats]) -> list[str]:
 
 
 def _mounted(name: str, values: Floats) -> Finding:
-    """Say that a sensor is mounted with a horizontal axis upright, and what its axes are then."""
+    """Return the finding that a sensor is mounted with a horizontal axis upright, with its axes then."""
     mean, axis = float(np.nanmedian(values)), "xy"[name.startswith("lateral")]
     way, other = "up" if mean > 0 else "down", "yx"[name.startswith("lateral")]
     words = (
@@ -179,7 +179,7 @@ def _mounted(name: str, values: Floats) -> Finding:
 
 
 def _backwards(signals: Mapping[str, Floats], step: float) -> list[Finding]:
-    """Name the speeds that have no sign although the vehicle drives backwards."""
+    """Return findings of speeds that have no sign although the vehicle drives backwards."""
     findings = []
     for name, parts in unsigned_stretches(signals, step).items():
         times = [f"{a:.0f} to {b:.0f} s" for a, b in parts]
@@ -248,7 +248,7 @@ def _findings(
 
 
 def _open(fit: Agreement) -> str:
-    """Say what of the catalogue explains a comparison that nothing explains together with the others."""
+    """Return the single fault that explains a comparison alone, where none explains it together with the others."""
     single = [name for kind, name in _SINGLE.items() if fit.off == {kind}]
     if single:
         return f"{single[0]} of either side explains it, and the other comparisons do not say of which"
@@ -260,7 +260,7 @@ def _numbers(fit: Agreement) -> str:
 
 
 def described(fault: RecordingFault) -> str:
-    """Say what one fault of the catalogue is."""
+    """Return a fault of the catalogue in words."""
     if fault.kind == TIME:
         return f"time: in {fault.words}"
     if fault.kind == EXCHANGED:
@@ -282,7 +282,7 @@ def _evidence(fits: list[Agreement], signals: tuple[str, ...]) -> str:
 
 
 def _doubt(cause: Cause) -> str:
-    """Say how sure a cause is, and what may be in its place."""
+    """Return the probability of a cause and its rivals in words."""
     if cause.posterior >= _CERTAIN:
         return ""
     rivals = [" with ".join(map(_off, rival)) or "nothing" for rival in cause.rivals[:2]]
@@ -290,7 +290,7 @@ def _doubt(cause: Cause) -> str:
 
 
 def _off(cause: Cause) -> str:
-    """Say what one small cause is."""
+    """Return a small deviation in words."""
     names = listed(cause.signals)
     if cause.clock >= 0:
         names = f"the clock of {names}, against the other"
@@ -332,7 +332,7 @@ def recording_warnings(recordings: Sequence[xr.Dataset]) -> tuple[str, ...]:
 
 
 def _slow(recording: xr.Dataset) -> list[str]:
-    """Say for how long the vehicle stands, crawls or reverses, where no vehicle of the library is described."""
+    """Return for how long the vehicle stands, crawls or reverses, where the equations of no vehicle hold."""
     speeds = [n for n in ("speed", "longitudinal_velocity") if n in recording]
     if not speeds:
         return []

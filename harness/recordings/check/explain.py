@@ -27,12 +27,12 @@ _WINDOW = 1.2
 """s over which signals are smoothed in the search: what a driver steers and brakes is slower."""
 _SPACING = 0.2
 _LATEST = 3
-"""Samples of that spacing by which a signal may be late while its unit and sign are looked for."""
+"""Samples of that spacing by which a signal may be late in the search for its unit and sign."""
 _MEMORY = 2.0
 """s after which samples are independent, and the least and largest number of them that count."""
 _COUNTED = (6.0, 30.0)
 _FAILS = 0.12
-"""Misfit beyond which a relation calls for an explanation of the catalogue; less is left to scale and delay."""
+"""Misfit beyond which a relation has to be explained by the catalogue; less may be a scale or a delay."""
 _RELATED = 0.5
 """Misfit up to which two sides, or one and the other reversed, are related."""
 _FAR = 4.5
@@ -41,7 +41,7 @@ _WIDTH, _DEPTH = 6, 4
 _LISTED = 0.03
 """Posterior from which an alternative is stated."""
 _LIVELY = 2.0
-"""Standard deviations of what needs no fault by which a side of a relation must vary to say anything."""
+"""Standard deviations of the tolerance by which a side of a relation must vary to be informative."""
 _NEAR = 1.07
 """Factor by which a calibration is usually off."""
 _USUAL = {"rad/s": 0.2, "m/s^2": 1.5, "m/s": 15.0}
@@ -66,7 +66,7 @@ class FaultHypothesis:
 
     Attributes:
         faults: What is wrong, in the order in which it was found.
-        posterior: Its probability among all that were looked at.
+        posterior: Its probability among all hypotheses of the search.
     """
 
     faults: tuple[RecordingFault, ...]
@@ -132,7 +132,7 @@ class Mended:
 
 
 def every(samples: int, step: float) -> int:
-    """Return how many samples of a recording one of those that are looked at stands for."""
+    """Return how many samples of a recording one sample of the search stands for."""
     return max(int(_SPACING / step), samples // 3000, 1)
 
 
@@ -148,7 +148,7 @@ def _unwrapped(angle: Floats) -> Floats:
 
 
 class View:
-    """What relations take: the signals of one hypothesis."""
+    """Signals of one hypothesis, as relations take them."""
 
     def __init__(self, mended: Mended, forms: Mapping[str, Form], step: float) -> None:
         self.signals, self.mended, self._step = forms, mended, step
@@ -254,7 +254,7 @@ class FaultSearch:
         ]
 
     def _silenced(self, faults: Sequence[RecordingFault], fault: RecordingFault) -> bool:
-        """Tell whether signals in another unit or sign, or exchanged, fit hardly better than ones that are zero.
+        """Return whether signals in another unit or sign, or exchanged, fit hardly better than ones that are zero.
 
         A term that is mostly noise fits the better the smaller it is made, in whatever unit.
         """
@@ -289,7 +289,7 @@ class FaultSearch:
 
 @dataclass(frozen=True)
 class RelationMisfit:
-    """How well both sides of a relation agree.
+    """Misfit of both sides of a relation.
 
     Attributes:
         share: Of what both sides carry, what they do not have in common.
@@ -307,7 +307,7 @@ class RelationMisfit:
 
     @property
     def fails(self) -> bool:
-        """Whether it calls for an explanation of the catalogue."""
+        """Whether it has to be explained by a fault of the catalogue."""
         alike = self.share < _RELATED or self.share > 2 - _RELATED  # of one sign or the other, however calm
         return (alike or not self.calm) and (self.share > _FAILS or self.cost > _FAR)
 
@@ -340,7 +340,7 @@ def _misfit(relation: Relation, view: View) -> RelationMisfit:
 
 
 def _calm(relation: Relation, measured: Floats, computed: Floats) -> bool:
-    """Tell whether neither side of a relation varies by more than needs no fault."""
+    """Return whether neither side of a relation varies by more than the tolerance."""
     if relation.circular:
         return False
     sizes = [float((v**2).mean()) if relation.through_zero else float(v.var()) for v in (measured, computed)]

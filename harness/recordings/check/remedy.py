@@ -66,7 +66,7 @@ def worth_mending(causes: Sequence[Cause], fits: Sequence[Agreement], smoothed: 
     """Return the causes that are sure and without which the comparisons would agree less.
 
     Args:
-        causes: What is off by a little.
+        causes: Small deviations.
         fits: Comparisons of the signals as they are.
         smoothed: The signals that they compare.
     """
@@ -149,9 +149,9 @@ def mended(
     """Return a channel map without the faults.
 
     Args:
-        content: The map as it is.
+        content: The given map.
         faults: What is wrong by the catalogue, in the order in which it was found.
-        causes: What is off by a little, once those are mended.
+        causes: Small deviations once those are mended.
         clocks: Channel of the clock by its number.
         duration: s of the recording, over which a clock drifts.
         unsigned: Speeds without a sign in a recording of a vehicle that drives backwards.

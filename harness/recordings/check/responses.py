@@ -3,7 +3,7 @@
 The two sides of a comparison differ by what each of their channels is off. Around the slope and the delay that fit
 best, a small cause ``theta`` in a channel changes the difference by ``theta`` times a column of its own, so that the
 difference is regressed on the columns of all channels together: ``y = X theta + noise``. Channels that act alike have
-the same column, and the comparison then tells only what they are off together; what is told at all are the directions
+the same column, and the comparison then determines only their sum; the directions that are determined at all are those
 of the singular vectors of ``X``. Their covariance counts that the noise is coloured (Newey and West 1987), that both
 sides carry it (Frisch 1934), what the relation neglects, and what needs no fault.
 
@@ -27,7 +27,7 @@ from harness.recordings.motion.pair_fit import MEMORY, SPACING, Agreement, delay
 
 KINDS = (SCALE, OFFSET, DELAY, DRIFT)
 
-_NEEDS_NONE = 3.0
+_TOLERATED = 3.0
 """Share of the least deviation that is reported, as its standard deviation where nothing is wrong."""
 _SMALL = 0.1
 """Share of that variance that any comparison has: what even an exact relation neglects."""
@@ -47,7 +47,7 @@ _OFFSETS = {"rad/s": 0.01, "m/s^2": 0.5, "m/s": 0.2, "rad": 0.05, "rad/s^2": 0.1
 
 
 def usual_size(kind: str, signal: str) -> float:
-    """Return how large a cause usually is: relative, in s, in s over the recording, or in SI units."""
+    """Return the usual size of a cause: relative, in s, in s over the recording, or in SI units."""
     return _SPREAD[kind] if kind in _SPREAD else _OFFSETS.get(SIGNALS[signal].unit, 0.1)
 
 
@@ -69,7 +69,7 @@ class Response:
 
 
 def tells(fit: Agreement) -> bool:
-    """Tell whether a comparison says anything: it has a scale of its own, and the two are related."""
+    """Return whether a comparison is informative: it has a scale of its own, and the two are correlated."""
     if fit.relation.circular:
         return bool(np.isfinite(fit.offset))
     return fit.scaled and fit.relation.slope[1] <= _LOOSE
@@ -78,7 +78,7 @@ def tells(fit: Agreement) -> bool:
 def response(
     fit: Agreement, smoothed: SmoothedSignals, channels: Sequence[tuple[str, ...]], drifts: bool
 ) -> Response | None:
-    """Return what a comparison that tells something says of the scale, offset, delay and drift of every channel.
+    """Return the response of an informative comparison to scale, offset, delay and drift of every channel.
 
     Args:
         fit: The comparison.
@@ -147,7 +147,7 @@ class _Sides:
 
     @property
     def enough(self) -> bool:
-        """Whether there are enough rows for so many columns."""
+        """Whether there are enough rows for the columns."""
         return len(self.measured) >= 10 * (len(self.channels) + 4)
 
     def _columns_of(self, kind: str) -> Floats:
@@ -179,7 +179,7 @@ class _Sides:
         return columns.reshape(len(self._take), -1)
 
     def response(self) -> Response:
-        """Return what the difference says."""
+        """Return the response of the difference of both sides."""
         fit, relation = self.fit, self.fit.relation
         centre, factor = relation.slope
         free = [] if relation.through_zero else [self.ones]
@@ -211,29 +211,29 @@ class _Sides:
         covariance += _along(across.T @ whole, float(np.hypot(np.log(factor), fit.unresolved)))
         if self._delayed:
             covariance += _along(across.T @ without(others, fit.signal_share * self.rate), relation.lag)
-        needs_none = self._needs_none(design)
+        tolerated = self._tolerated(design)
         if relation.exact and free:
             least = LEAST_OFFSET * float(np.nanstd(fit.measured))
-            needs_none += _along(across.T @ without(others, self.ones), least / _NEEDS_NONE)
+            tolerated += _along(across.T @ without(others, self.ones), least / _TOLERATED)
         shaped = design.reshape(len(value), len(KINDS), len(self.channels))
-        return Response(value, shaped, covariance + _SMALL * needs_none, covariance + needs_none)
+        return Response(value, shaped, covariance + _SMALL * tolerated, covariance + tolerated)
 
     def _of_both_sides(self, design: Floats, noise: float) -> Floats:
-        """Return how uncertain the noise leaves the scales, as nobody knows whose it is: from none to all of it."""
+        """Return the covariance of the scales by noise whose share on either side is unknown, from none to all."""
         covariance = np.zeros((len(design), len(design)))
         back: Floats = np.linalg.pinv(design.T).astype(float)
         for m in np.flatnonzero(design[:, : len(self.channels)].any(axis=0)):
             covariance += _along(back[:, m], noise / np.sqrt(12))
         return covariance
 
-    def _needs_none(self, design: Floats) -> Floats:
-        """Return what every channel may be off without a fault: two of them together a third of what is reported."""
+    def _tolerated(self, design: Floats) -> Floats:
+        """Return the covariance of deviations without a fault: of two channels a third of the least reported."""
         covariance = np.zeros((len(design), len(design)))
         least = {SCALE: LEAST_SCALE[self.fit.relation.through_zero], DELAY: LEAST_DELAY, DRIFT: LEAST_DELAY}
         for kind, size in least.items():
             n = KINDS.index(kind)
             for column in design[:, n * len(self.channels) : (n + 1) * len(self.channels)].T:
-                covariance += _along(column, size / _NEEDS_NONE / np.sqrt(2))
+                covariance += _along(column, size / _TOLERATED / np.sqrt(2))
         return covariance
 
 

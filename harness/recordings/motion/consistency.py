@@ -43,7 +43,7 @@ LEAST_DELAY = 0.005
 LEAST_OFFSET = 0.1
 """Least offset, in standard deviations of the signal, that is reported."""
 TOLERANCE = {"rad": 0.01, "rad/s": 0.01, "rad/s^2": 0.1, "m/s": 0.1, "m/s^2": 0.3, "m": 0.1}
-"""Standard deviation by unit that needs no fault: a bank of the road, roll, vibration."""
+"""Standard deviation by unit that occurs without a fault, by a bank of the road, roll and vibration."""
 _LIVELY = 3.0
 """Standard deviations of the tolerance by which a signal must vary to be judged."""
 _FREE = 2.5
@@ -97,7 +97,7 @@ class SmoothedSignals:
         return self.origins.get(signal, Origin())
 
     def may_drift(self, relation: Relation) -> bool:
-        """Tell whether the two sides of a relation have several clocks."""
+        """Return whether the two sides of a relation have several clocks."""
         return len({self.origin(n).clock for n in relation.signals}) > 1
 
     def unresolved(self, relation: Relation) -> float:
@@ -148,7 +148,7 @@ def check(
     derived: Collection[str] = (),
     origins: Mapping[str, Origin] | None = None,
 ) -> list[Agreement]:
-    """Compare every signal with what kinematics makes of the others.
+    """Compare every signal with the one that kinematics computes from the others.
 
     Args:
         signals: Arrays of shape ``(samples,)`` in SI units by name.
@@ -234,13 +234,13 @@ def _sides(relation: Relation, sources: Sources) -> tuple[Floats, Floats, Floats
 
 
 def _information(fit: Agreement, window: float) -> float:
-    """Return how well a fit knows its slope: windows share the time, noise shares the variance."""
+    """Return the information of a fit on its slope: windows share the time, noise shares the variance."""
     related = np.clip(fit.explained, 1e-3, 1 - 1e-9)
     return float(related / (1 - related) / window)
 
 
 def tolerance(relation: Relation) -> float:
-    """Return what of a compared quantity needs no fault, as a standard deviation in SI units."""
+    """Return the standard deviation of a compared quantity that occurs without a fault, in SI units."""
     unit = SIGNALS[relation.signal].unit
     return TOLERANCE.get("rad/s" if relation.order and unit == "rad" else unit, 0.1)
 
@@ -251,7 +251,7 @@ def _spread(relation: Relation, values: Floats) -> float:
 
 
 def _calm(relation: Relation, measured: Floats, computed: Floats) -> str | None:
-    """Say so if both sides vary too little to be compared."""
+    """Return the reason why both sides vary too little to be compared; ``None`` if they vary enough."""
     both = np.isfinite(measured) & np.isfinite(computed)
     free = relation.slope[0] if relation.slope[1] > _FREE else 1.0
     largest = max(_spread(relation, measured[both]), free * _spread(relation, computed[both]))
@@ -264,7 +264,7 @@ def _calm(relation: Relation, measured: Floats, computed: Floats) -> str | None:
 
 
 def _still(measured: Floats, computed: Floats) -> bool:
-    """Tell whether one side never changes."""
+    """Return whether one side never changes."""
     both = np.isfinite(measured) & np.isfinite(computed)
     return any(np.ptp(v[both]) <= 1e-9 * np.abs(v[both]).max() for v in (measured, computed))
 
@@ -301,7 +301,7 @@ def _turned(fit: Agreement) -> Agreement:
 
 
 def _judged(fit: Agreement) -> Agreement:
-    """Say whether the two agree, and if not, in what."""
+    """Return a comparison with its verdict and, where the two disagree, the reasons."""
     relation = fit.relation
     centre, factor = relation.expected(fit.slope)
     off = np.log(abs(fit.slope) / centre) if fit.slope else -np.inf
@@ -330,13 +330,13 @@ def _judged(fit: Agreement) -> Agreement:
 
 
 def _manoeuvre(relation: Relation) -> str:
-    """Say what would tell a delay of a signal."""
+    """Return the manoeuvre that would determine the delay of a signal."""
     along = relation.signal.startswith(("speed", "longitudinal"))
     return "accelerate and brake" if along else "steer from side to side"
 
 
 def _shifts(fit: Agreement) -> dict[str, str]:
-    """Say whether a signal is late, drifts or has an offset."""
+    """Return reasons by kind: delay, drift and offset of a signal."""
     reasons = {}
     if not np.isfinite(fit.delay):
         if fit.slope > 0 and _differ(fit):
@@ -356,7 +356,7 @@ def _shifts(fit: Agreement) -> dict[str, str]:
 
 
 def _differ(fit: Agreement) -> bool:
-    """Tell whether both sides vary by more than needs no fault, and are alike at no delay."""
+    """Return whether both sides vary by more than the tolerance, and are correlated at no delay."""
     shift = round(correlation_peak(fit.measured, fit.computed, fit.step) / fit.step)
     measured, computed = fit.measured[max(shift, 0) :], fit.computed[max(-shift, 0) :]
     both = np.stack([v[: min(len(measured), len(computed))] for v in (measured, computed)])
@@ -366,7 +366,7 @@ def _differ(fit: Agreement) -> bool:
 
 
 def verdicts(fits: Sequence[Agreement]) -> str:
-    """Say in one sentence how many comparisons agree, do not, or could not be judged, and why."""
+    """Return in one sentence how many comparisons agree, do not, or could not be judged, and why."""
     if not fits:
         return "nothing could be compared: no two of the signals are tied by kinematics"
     by = {v: [f for f in fits if f.verdict == v] for v in (AGREES, DISAGREES, NOT_JUDGED)}

@@ -158,7 +158,7 @@ DERIVED: dict[str, tuple[tuple[tuple[str, ...], ...], Callable[[Sources], Floats
         lambda s: np.arctan2(s["lateral_velocity"], s["longitudinal_velocity"]),
     ),
 }
-"""What can be derived: the sets of signals of which one suffices, and the function."""
+"""Signals that can be derived: the sets of signals of which one suffices, and the function."""
 
 
 def _speed(s: Sources) -> Floats:

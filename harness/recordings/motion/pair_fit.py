@@ -16,7 +16,7 @@ LONGEST_DELAY = 0.5
 MEMORY = 1.0
 """s over which the residual is taken to be correlated."""
 SPACING = 0.04
-"""s between the samples of a smoothed signal that are looked at."""
+"""s between the samples of a smoothed signal that are used."""
 RELATED = 0.5
 """Least share of the variance that must be explained for slope and delay to be meaningful."""
 _INFORMED = 4.0
@@ -90,12 +90,12 @@ class Agreement:
 
     @property
     def scaled(self) -> bool:
-        """Whether the fit says anything about scale, delay and offset."""
+        """Whether the fit determines scale, delay and offset."""
         return self.determined and self.slope > 0 and self.explained >= RELATED
 
     @property
     def determined(self) -> bool:
-        """Whether the slope is told from none."""
+        """Whether the slope differs from zero."""
         return bool(abs(self.slope) > _DETERMINED * self.slope_std)
 
 
@@ -178,7 +178,7 @@ class _Pair:
         return -float(self.rate @ self.residual) / self.curvature
 
     def determines_delay(self, lags: int, rows: Mask | slice = slice(None), least: float = _INFORMED) -> bool:
-        """Tell whether the rates of both sides have more in common than two independent noises would by chance."""
+        """Return whether the rates of both sides are correlated more than two independent noises by chance."""
         rate, other = self.rate[rows], self.measured_rate[rows]
         size = float(np.linalg.norm(rate) * np.linalg.norm(other))
         return size > 0 and float(rate @ other) / size > least / np.sqrt(max(len(rate) / max(lags, 1), 1.0))

@@ -105,7 +105,7 @@ def _turned(begin: float, end: float, rate: tuple[Floats, Floats] | None) -> flo
 
 
 COURSE = "course"
-"""What ``reverse`` of a channel map says where the course over ground tells it."""
+"""Value of ``reverse`` in a channel map where the course over ground determines it."""
 UNSIGNED = ("speed", "speed_tractor", "longitudinal_velocity")
 """Signals that devices often record without a sign."""
 NEEDS = ("position_x", "position_y", "heading")

@@ -112,7 +112,7 @@ def ground_speed(s: Sources) -> Floats:
 
 
 def _signed(speed: str) -> Callable[[Sources], Floats]:
-    """Return the speed over ground, negative where a speed says that the vehicle drives backwards."""
+    """Return the speed over ground, with the sign of a speed."""
     return lambda s: np.where(s[speed] < -_BACKWARDS, -1.0, 1.0) * ground_speed(s)
 
 
@@ -160,7 +160,7 @@ Some record the angle of the road wheels as that of the steering wheel, of a veh
 
 
 def _yaw_rates() -> list[Relation]:
-    """Return what yaw rates are compared with."""
+    """Return the relations of yaw rates."""
     relations = []
     for rate in ("yaw_rate", "yaw_rate_tractor"):
         relations += [
@@ -190,7 +190,7 @@ def _yaw_rates() -> list[Relation]:
 
 
 def _speeds() -> list[Relation]:
-    """Return what speeds and velocities are compared with."""
+    """Return the relations of speeds and velocities."""
     return [
         Relation("longitudinal_velocity", _POSE, "rate of the position along the heading",
                  lambda s: _course_velocity(s)[0], arm=_turning("yaw_rate"), through_zero=True),
@@ -221,7 +221,7 @@ _LEANING = (1.04, 1.03)
 
 
 def _accelerations() -> list[Relation]:
-    """Return what accelerations are compared with."""
+    """Return the relations of accelerations."""
     motion = ("longitudinal_velocity", "lateral_velocity", "yaw_rate")
     relations = [
         Relation("lateral_acceleration", motion, "dv_y/dt + v_x r",

@@ -38,7 +38,7 @@ from harness.recordings.motion.kinematics import DERIVED
 from harness.recordings.motion.pose import UNSIGNED
 
 ESTIMATE = "estimate"
-"""What ``delay`` says where the delay is to be found from the recording itself."""
+"""Value of ``delay`` where it is to be estimated from the recording itself."""
 
 
 class CurveTable(StrictTable):

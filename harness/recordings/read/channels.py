@@ -150,7 +150,7 @@ def _messages(
 
 
 def _come_together(channel: Mask, others: Mask) -> bool:
-    """Whether most values of a channel are in the rows of another one, in the stretch in which both have any."""
+    """Return whether most values of a channel are in the rows of others, in the stretch in which both have any."""
     if np.count_nonzero(channel) < 2:
         return True
     (first, last), (begin, end) = (np.flatnonzero(rows)[[0, -1]] for rows in (channel, others))
@@ -159,7 +159,7 @@ def _come_together(channel: Mask, others: Mask) -> bool:
 
 
 def is_measured(column: Floats) -> Mask:
-    """Tell values that a sensor may have given from blanks, and from numbers that stand for them."""
+    """Return which values a sensor may have given: neither blanks nor numbers that stand for them ``(rows,)``."""
     return np.asarray(np.abs(column) < NO_MEASUREMENT)
 
 
@@ -270,7 +270,7 @@ def _raw(table: Table, channel: Channel, clock: Clock, channels: ChannelMap, fil
 
 
 def _signed(values: Floats, kept: Mask, table: Table, channel: Channel, clock: Clock, file: str) -> Floats:
-    """Return the values of some rows, negative where a column says that the vehicle drives backwards."""
+    """Return the values of some rows, negative where a column marks that the vehicle drives backwards."""
     if channel.reverse in ("", COURSE):
         return values
     if channel.reverse not in table.columns:

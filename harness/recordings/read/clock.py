@@ -88,7 +88,7 @@ def check_clock(stamps: Floats, where: str, own_rows: NDArray[np.intp] | None = 
 
 
 def updates(values: Floats) -> tuple[Mask, int]:
-    """Tell samples that a slower channel delivered from those that only repeat the latest one.
+    """Separate samples that a slower channel delivered from those that only repeat the latest one.
 
     A recorder that writes rows faster than a channel delivers repeats its latest value, so that nearly no run of equal
     values is shorter than the ratio of the rates, and all are multiples of it. A channel that merely moves slowly over
@@ -204,7 +204,7 @@ def _instants(time: Floats, step: float) -> Floats | None:
 
 
 def _taken_at(time: Floats, instants: Floats, values: Floats) -> bool:
-    """Whether the samples of a channel were taken when the stamps say so, and not at the steady instants.
+    """Return whether the samples of a channel were taken at their stamps, and not at the steady instants.
 
     What a sample differs from the mean of its neighbours is then its slope times how much later it is than theirs; the
     slope is that of the next neighbours but one, whose noise is independent of it. A value that a channel repeats was

@@ -1,7 +1,7 @@
 """Choice among the columns of a table: which are its clock, and which is a signal, in which unit.
 
-All evidence is counted in one currency, natural logarithms of odds: how surely the name says it, how usual the values
-are in a unit, and how well it agrees with the others: ``a_y = v r``, the rate of heading or course is the yaw rate,
+All evidence is counted as natural logarithms of odds: how clear the name is, how usual the values are in a unit, and
+how well the column agrees with the others: ``a_y = v r``, the rate of heading or course is the yaw rate,
 that of the positions the speed, that of the speed the longitudinal acceleration. An agreement gains less by each unit
 that had to be chosen for it.
 """
@@ -84,30 +84,32 @@ def _rate(step: float, unit: str) -> str:
     return f"{1 / seconds:.4g} Hz" if seconds > 0 else "several rows at a time"
 
 
-def cut(table: readers.Table, seconds: Floats | None, span: Span, said: Path) -> readers.Table:
+def cut(table: readers.Table, seconds: Floats | None, span: Span, where: Path) -> readers.Table:
     """Return the rows of a table in a span, counted from its first stamp."""
     if seconds is None:
-        raise UserError(f"{said}: there is no clock, so no part of it can be told; propose a map of the whole file")
+        raise UserError(f"{where}: there is no clock, so no part of it can be told; propose a map of the whole file")
     since = seconds - seconds[np.isfinite(seconds)][0]
     rows = (since >= span[0]) & (since < span[1])
     if rows.sum() < 2:
-        raise UserError(f"{said}: the recording runs from 0 to {np.nanmax(since):.2f} s; there is nothing in that span")
+        raise UserError(
+            f"{where}: the recording runs from 0 to {np.nanmax(since):.2f} s; there is nothing in that span"
+        )
     return replace(table, columns={name: values[rows] for name, values in table.columns.items()})
 
 
 _DOUBT = 0.7
-"""What the likeliest unit must be ahead of the next where nothing but the values tells it."""
+"""Log odds by which the likeliest unit must lead where the values alone determine it."""
 _AS_OTHERS = 2.0
-"""What it counts that another column of the same kind has this unit."""
+"""Log odds of a unit that another column of the same kind has."""
 ENOUGH = 1.6
-"""What a column must come to, so that it is taken for a signal: a name that says too little needs the motion."""
+"""Least log odds of a column that is taken for a signal: an unclear name needs the motion."""
 _TURNS_ALIKE = 0.8
-"""Correlation from which a steering angle and the yaw rate tell a wheelbase."""
+"""Correlation from which a steering angle and the yaw rate determine a wheelbase."""
 _JOINT = ("speed", "yaw_rate", "lateral_acceleration", "longitudinal_acceleration")
 WHEELBASES = {"road_wheel_angle": (3.5, 0.5), "steering_wheel_angle": (50.0, 0.6)}
 """Steering angle times speed over yaw rate, m, with the standard deviation of its logarithm."""
 WHEELBASE = "times speed over yaw rate:"
-"""How the reason begins that this gives."""
+"""Beginning of the reason that it gives."""
 
 
 @dataclass(frozen=True)
@@ -126,12 +128,12 @@ class Chosen:
 
 
 def choose(candidates: Sequence[Guess], motion: Motion, seen: Witness) -> Chosen:
-    """Return for every signal the column and unit that all evidence together says.
+    """Return for every signal the likeliest column and unit by all evidence together.
 
     Args:
         candidates: Columns in each unit that they may have.
         motion: Their series.
-        seen: What heading and positions say.
+        seen: Motion by heading and positions.
     """
     sums = _ChoiceEvidence(motion, seen)
     kept = {g.signal: g for g in _jointly(candidates, sums)}
@@ -186,20 +188,20 @@ def _best(candidates: Iterable[Guess], signals: set[str]) -> list[Guess | None]:
 
 
 def _doubtful(g: Guess, candidates: Sequence[Guess]) -> bool:
-    """Whether nothing tells the unit of a column from another one."""
+    """Return whether the unit of a column cannot be determined."""
     others = (o for o in candidates if o.column == g.column and o.signal == g.signal and o.unit != g.unit)
     return any(g.usual - o.usual < _DOUBT for o in others)
 
 
 class _ChoiceEvidence:
-    """What guesses count alone and together."""
+    """Log odds of guesses alone and together."""
 
     def __init__(self, motion: Motion, seen: Witness) -> None:
         self._motion, self._seen = motion, seen
         self._kept: dict[tuple[str, ...], MotionPair] = {}
 
     def alone(self, guess: Guess | None) -> float:
-        """Return what name, values, heading and positions count, or what a column must come to."""
+        """Return the log odds by name, values, heading and positions; those that a column needs where there is none."""
         if guess is None:
             return ENOUGH
         return guess.points + (self.by_witness(guess).points if guess.signal in ("speed", "yaw_rate") else 0.0)
@@ -254,7 +256,7 @@ class _ChoiceEvidence:
         return self._compared("wheelbase", (wheel, speed, rate), sides)
 
     def steered(self, speed: Guess | None, rate: Guess | None, wheel: Guess | None) -> float:
-        """Return what the apparent wheelbase counts for a steering angle."""
+        """Return the log odds of a steering angle by the apparent wheelbase."""
         base = self.wheelbase(speed, rate, wheel)
         if wheel is None or not np.isfinite(base.factor) or abs(base.alike) < _TURNS_ALIKE:
             return 0.0
@@ -263,7 +265,7 @@ class _ChoiceEvidence:
         return float(1.5 - min(off, 3.0 if wheel.stated else 6.0))
 
     def turns(self, kept: Mapping[str, Guess], wheel: Guess) -> str:
-        """Say which wheelbase a steering angle implies; empty if that is none of its kind, or cannot be told."""
+        """Return the wheelbase that a steering angle implies, in words; empty if it is implausible or undetermined."""
         speed, rate = kept.get("speed"), kept.get("yaw_rate")
         base = self.wheelbase(speed, rate, wheel)
         return f"{WHEELBASE} {abs(base.factor):.3g} m" if self.steered(speed, rate, wheel) > 0 else ""
@@ -316,7 +318,7 @@ def _lost(candidates: Sequence[Guess], kept: Mapping[str, Guess], sums: _ChoiceE
 
 
 def _by_motion(g: Guess, kept: Mapping[str, Guess], sums: _ChoiceEvidence) -> float:
-    """Return what the motion of the others counts for a guess in the place of that of its signal."""
+    """Return the log odds by the motion of the others of a guess in the place of that of its signal."""
     speed, rate, across, along = ({**kept, g.signal: g}.get(s) for s in _JOINT)
     if g.signal in WHEELBASES:
         return sums.steered(speed, rate, g)
@@ -327,7 +329,7 @@ def _by_motion(g: Guess, kept: Mapping[str, Guess], sums: _ChoiceEvidence) -> fl
 
 
 def _lacking(g: Guess, kept: Mapping[str, Guess], sums: _ChoiceEvidence) -> str:
-    """Say why a column is taken for nothing although its name may say a signal."""
+    """Return why a column is no entry although its name may mean a signal."""
     if g.sure >= ENOUGH and g.usual <= WORST / 2:
         return "its values are those of no vehicle"
     if _by_motion(g, kept, sums) < 0:

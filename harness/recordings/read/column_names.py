@@ -2,7 +2,7 @@
 
 A name is cut into words (``VehSpd``, ``latacc``, ``Giergeschwindigkeit``), each of which means something: a kind of
 quantity, an axis, something that turns but is not the vehicle. The signal follows from the meanings, and a name whose
-meanings contradict a signal says why it is none.
+meanings contradict a signal gives the reason why it is none.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from harness.models.signals import SIGNALS
 
 AXLE = "the speed of an axle or of wheels"
-"""What may stand for the speed of the vehicle where nothing else does."""
+"""Substitute for the speed of the vehicle where there is no other."""
 
 _ATOMS = {
     written: (kind, unit)
@@ -31,7 +31,7 @@ _ATOMS = {
     )
     for written in texts.split()
 }  # fmt: skip
-"""What units are made of, by how it is written: what it measures, and as pint writes it."""
+"""Parts of units by their spelling: the quantity that they measure, and the spelling of pint."""
 _SHORT = {
     **dict.fromkeys(("kph", "kmh", "kmph", "kmhr"), ("km/h", "m/s")), "mph": ("mph", "m/s"), "mps": ("m/s", "m/s"),
     **dict.fromkeys(("kn", "kt", "kts", "knot", "knots"), ("knot", "m/s")), "fps": ("ft/s", "m/s"),
@@ -171,12 +171,12 @@ _RULES: tuple[tuple[set[str], set[str], str], ...] = (
 )
 """Signals by the meanings in a name: all of the first, one of the second if there are any; the first that holds.
 
-Behind ``!`` stands why it is no signal, behind ``?`` what it may be and the words do not quite say.
+Behind ``!`` stands why it is no signal, behind ``?`` a signal that the words do not fully determine.
 """
 _ABOUT = {"wanted": "what is wanted", "about": "something about a measurement", "effort": "an effort"}
 """Meanings of words in names of what is no motion."""
 _KINDS = {"m/s": "speed", "m/s^2": "acceleration", "rad/s": "rate"}
-"""What a unit says of the kind of quantity."""
+"""Kind of quantity by unit."""
 
 TIME = re.compile(r"^(t|time|timestamp|zeit|clock|stamp|ts|utc)\b|\b(time|stamp|timestamps?)$")
 """Words of a clock."""
@@ -199,18 +199,18 @@ class ColumnUnit:
 
 @dataclass(frozen=True)
 class Reading:
-    """What a name says.
+    """Meaning of a name.
 
     Attributes:
         words: The name in small words, without unit and group.
         unit: Unit that is stated; None if none is.
         signal: Signal that it may be; empty if none.
-        sure: How surely: 5 for the name of the signal, 4 where words say it, less for letters and unclear words.
-        why_not: Why it is none, where the name says so.
+        sure: Log odds of it: 5 for the name of the signal, 4 by words, less for letters and unclear words.
+        why_not: Reason why it is none, where the name has one.
         trailer: Whether it was measured on the trailer of a vehicle combination.
         letter: Whether a letter names the axis, which may be another one than the vehicle's.
-        along: Whether it says that it is along the vehicle.
-        bare: Whether no word says that it is an angle.
+        along: Whether it is along the vehicle by its name.
+        bare: Whether no word means an angle.
         handwheel: Whether it names a steering wheel.
         symbol: Whether it is a symbol, as papers and models write it.
     """
@@ -254,7 +254,7 @@ def unit_of(text: str) -> ColumnUnit | None:
 
 @functools.lru_cache(maxsize=4096)
 def read_name(column: str, by_file: str = "") -> Reading:
-    """Return what the name of a column says, and the unit that file or name state."""
+    """Return the meaning of the name of a column, and the unit that file or name state."""
     bare, unit = _without_unit(column)
     if by_file.strip() and (stated := unit_of(by_file)) is not None:
         unit = replace(stated, by="file")
@@ -296,10 +296,10 @@ def _outcome(leaf: list[str], groups: list[list[str]], unit: ColumnUnit | None) 
         own -= {_SYMBOLS[leaf[0]]}  # an angle is not what the symbol says
     unclear = sum(w not in _WORDS and w not in _LETTERS and w not in _SYMBOLS and not w.isdigit() for w in leaf)
     sure = 4.0 - 0.85 * unclear - any(w in _LETTERS for w in leaf) + 0.5 * ("vehicle" in own) + (exact == "speed")
-    said = own | {_KINDS.get("" if unit is None else unit.si, "aside")} if own - {"aside"} else set()
+    meanings = own | {_KINDS.get("" if unit is None else unit.si, "aside")} if own - {"aside"} else set()
     for depth in range(len(groups) + 1):
-        said |= _meanings(groups[-depth]) - set(_ABOUT) if depth else set()
-        outcome = _by_rule(said)
+        meanings |= _meanings(groups[-depth]) - set(_ABOUT) if depth else set()
+        outcome = _by_rule(meanings)
         if outcome.startswith("?"):
             return outcome[1:], sure - 3.0
         if (
@@ -311,25 +311,25 @@ def _outcome(leaf: list[str], groups: list[list[str]], unit: ColumnUnit | None) 
         if outcome:
             strange = outcome == "speed" and any(_by_rule(_meanings(g) - {"speed"}).startswith("!") for g in groups)
             return outcome, sure - 4.5 * (strange and not depth) - 0.2 * (depth > 0)
-    said |= set().union(*map(_meanings, groups))
+    meanings |= set().union(*map(_meanings, groups))
     if turning := {"yaw", "heading", "roll"} & own:
         return "roll_angle" if turning == {"roll"} else "heading", sure
     places = {_PLACES[w] for w in leaf if w in _PLACES}
-    placed = "position" in said or (not unclear and said <= own | {"aside"})
+    placed = "position" in meanings or (not unclear and meanings <= own | {"aside"})
     return (places.pop(), sure) if len(places) == 1 and placed else ("", 0.0)
 
 
-def _by_rule(said: set[str]) -> str:
-    return next((out for every, some, out in _RULES if every <= said and (not some or some & said)), "")
+def _by_rule(meanings: set[str]) -> str:
+    return next((out for every, some, out in _RULES if every <= meanings and (not some or some & meanings)), "")
 
 
 def _without_unit(column: str) -> tuple[str, ColumnUnit | None]:
     """Return a name without its unit, which stands in brackets or at the end; other brackets stay as words."""
     unit = None
     column = re.sub(r"\[([012])\]", lambda place: f" {'xyz'[int(place[1])]}", column)  # of a vector
-    for said in re.findall(r"[\[(]([^\[\]()]+)[\])]", column):
-        if (stated := unit_of(said)) is not None:
-            unit, column = stated, re.sub(rf"[\[(]{re.escape(said)}[\])]", " ", column)
+    for bracketed in re.findall(r"[\[(]([^\[\]()]+)[\])]", column):
+        if (stated := unit_of(bracketed)) is not None:
+            unit, column = stated, re.sub(rf"[\[(]{re.escape(bracketed)}[\])]", " ", column)
     column = re.sub(r"[\[\](){}\"]", " ", column.replace("CoG", "cog"))
     column = re.sub(r"(?<=[a-zäöüß])(?=[A-ZÄÖÜ])|(?<=[A-Z])(?=[A-Z][a-z]{2})", " ", column).strip(" /|_")
     for gap in re.finditer(r"[ _./|\\]+", column if unit is None else ""):
@@ -371,14 +371,14 @@ def _pieces(token: str) -> tuple[str, ...]:
 def _meanings(words: Iterable[str]) -> set[str]:
     """Return what words mean; a letter in front may be a symbol, x, y or z an axis."""
     words = list(words)
-    said = {_WORDS[w] for w in words if w in _WORDS} | {_LETTERS[w] for w in words if w in _LETTERS}
+    meanings = {_WORDS[w] for w in words if w in _WORDS} | {_LETTERS[w] for w in words if w in _LETTERS}
     telling = [w for w in words if _WORDS.get(w) != "aside" and (len(w) > 1 or w in {*_SYMBOLS, *_LETTERS})]
     if len(telling) > 1 and telling[0] in _SYMBOLS:
-        said.add(_SYMBOLS[telling[0]])
-    if said & {"vehicle", "yaw", "lateral", "longitudinal"}:
-        said |= {_SYMBOLS[w] for w in words if w in ("v", "a", "w")}
-    if words[-1:] == ["g"] and said & {"lateral", "longitudinal", "vertical"}:
-        said.add("acceleration")
-    if "based" in words or ("steering" in said and "road" not in said):
-        said.discard("wheel")
-    return said
+        meanings.add(_SYMBOLS[telling[0]])
+    if meanings & {"vehicle", "yaw", "lateral", "longitudinal"}:
+        meanings |= {_SYMBOLS[w] for w in words if w in ("v", "a", "w")}
+    if words[-1:] == ["g"] and meanings & {"lateral", "longitudinal", "vertical"}:
+        meanings.add("acceleration")
+    if "based" in words or ("steering" in meanings and "road" not in meanings):
+        meanings.discard("wheel")
+    return meanings

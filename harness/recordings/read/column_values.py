@@ -36,11 +36,11 @@ _UNITS: dict[str, tuple[tuple[str, float], ...]] = {
 _AS_NAMED = {"steering_wheel_angle": "deg", "road_wheel_angle": "deg", "articulation_angle": "deg"}
 """Units that are customary where a name is in words."""
 _CUSTOM = 0.7
-"""What a customary unit counts; SI where the column has the name of the signal, or a symbol."""
+"""Log odds of a customary unit; SI where the column has the name of the signal, or a symbol."""
 STATED = 0.7
-"""What a stated unit counts."""
+"""Log odds of a stated unit."""
 WORST = -3.5
-"""Least that unusual values count."""
+"""Least log odds of unusual values."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +56,8 @@ class Guess:
         stated: Whether file or name state the unit.
         why: Reasons, in words.
         sign: -1 where the column counts the other way.
-        sure: How surely the name says so.
-        usual: What its values in this unit count.
+        sure: Log odds by its name.
+        usual: Log odds by its values in this unit.
         free: Whether another unit was possible.
     """
 
@@ -85,7 +85,7 @@ class Guess:
 
     @property
     def points(self) -> float:
-        """What name, values and a stated unit count."""
+        """Log odds by name, values and a stated unit."""
         return self.sure + self.usual + STATED * self.stated
 
 
@@ -94,7 +94,7 @@ def in_units(guess: Guess, by: str, symbol: bool = False) -> list[Guess]:
 
     Args:
         guess: It.
-        by: What the name says, as the first reason.
+        by: Meaning of the name, as the first reason.
         symbol: Whether the name is a symbol, as papers and models have them in SI units.
     """
     si = SIGNALS[guess.signal].unit
@@ -110,13 +110,13 @@ def in_units(guess: Guess, by: str, symbol: bool = False) -> list[Guess]:
             usual += _usual(guess.signal, factor * _size(finite)) + _CUSTOM * (unit == custom)
             made.append(replace(possible, usual=usual))
     best = max((g.usual for g in made), default=0.0)
-    said = f"unit by its values to {float(finite.max()):.4g}"
+    reason = f"unit by its values to {float(finite.max()):.4g}"
     return [
         replace(
             g,
             usual=g.usual - best + _unusual(guess.signal, abs(g.factor) * _size(finite)),
             free=not g.stated and len(made) > 1,
-            why=(by, *(guess.why if guess.stated else (said,))),
+            why=(by, *(guess.why if guess.stated else (reason,))),
         )
         for g in made
     ]
@@ -132,7 +132,7 @@ def _usual(signal: str, size: float) -> float:
 
 
 def _unusual(signal: str, size: float) -> float:
-    """Return what values count against a signal: nothing in a calm drive, or within 2.5 times their spread."""
+    """Return the log odds of values for a signal: 0 in a calm drive, or within 2.5 times their spread."""
     middle, spread = _USUAL.get(signal, (1.0, np.inf))
     off = 0.0 if size <= 0 or signal == "heading" else np.log(size / middle) / spread
     beyond = max((abs(off) if signal == "speed" else off) - 2.5, 0.0)
@@ -140,13 +140,13 @@ def _unusual(signal: str, size: float) -> float:
 
 
 _CONTRADICTED = -3.0
-"""What a comparison counts whose sides are not alike at all."""
+"""Log odds of a comparison whose sides are uncorrelated."""
 _OFF = -2.0
-"""Least that one counts whose sides differ by a factor: which of the columns is wrong it does not say."""
+"""Least log odds of one whose sides differ by a factor: it does not determine which of the columns is wrong."""
 ALIKE = 0.5
 """Correlation from which two motions are compared at all."""
 _FREE = 0.7
-"""What each unit that had to be chosen takes from an agreement."""
+"""Log odds that an agreement loses by each unit that had to be chosen."""
 _WINDOW = 1.0
 """s over which motions are averaged before they are compared."""
 _ROWS = 25
@@ -183,12 +183,12 @@ class MotionPair:
 
     @property
     def agrees(self) -> bool:
-        """Whether they are the same but for the sign."""
+        """Whether they are the same up to the sign."""
         return abs(self.alike) >= ALIKE and 0.5 < abs(self.factor) < 2.0
 
     @property
     def points(self) -> float:
-        """What it counts for the columns in it."""
+        """Log odds that it adds for the columns in it."""
         if not np.isfinite(self.factor):
             return 0.0
         if abs(self.alike) < ALIKE:
@@ -273,10 +273,10 @@ def compared(name: str, signals: tuple[str, ...], first: Floats, second: Floats,
 
 @dataclass(frozen=True)
 class Witness:
-    """What heading and positions say of the motion.
+    """Motion by heading and positions.
 
     Attributes:
-        turn: Yaw rate by them, rad/s; empty if they say nothing.
+        turn: Yaw rate by them, rad/s; empty if it cannot be computed.
         speed: Speed by the positions, m/s; empty if there are none.
         signed: Whether the sign of the yaw rate is that of ISO 8855.
         heading: The heading, where the yaw rate is by it.
@@ -292,7 +292,7 @@ NOBODY = Witness(np.empty(0), np.empty(0))
 
 
 def witness(motion: Motion, guesses: Mapping[str, Guess]) -> Witness:
-    """Return what heading and positions say; positions tell the sign, a heading is smoother."""
+    """Return the motion by heading and positions; positions determine the sign, a heading is smoother."""
     turn, speed = _over_ground(motion, guesses)
     heading = guesses.get("heading")
     if heading is None:

@@ -30,7 +30,7 @@ def tables_of(source: pd.DataFrame | xr.Dataset, mapped: bool) -> list[Table]:
         source: A frame of one row per sample, with ``time`` in s as column or index, or an index of times; units by
             column in ``attrs["units"]``. Or a dataset whose variables have one dimension, of which the coordinate is
             the time, with units in the attribute ``units`` of each.
-        mapped: Whether a channel map says what the columns are. Without one a column with the name of a signal is
+        mapped: Whether a channel map names the columns. Without one a column with the name of a signal is
             converted from its stated unit.
 
     Returns:

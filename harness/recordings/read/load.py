@@ -189,7 +189,7 @@ def inputs(recording: xr.Dataset, names: Sequence[str]) -> Floats:
 
 
 def _longest_part(recording: xr.Dataset, missing: NDArray[np.intp]) -> str:
-    """Name the longest part of a recording between samples that are missing, as commands take it."""
+    """Return the longest part of a recording without missing samples, as commands take it."""
     edges = np.concatenate(([-1], missing, [recording.sizes["time"]]))
     i = int(np.diff(edges).argmax())
     time = recording["time"].to_numpy() + recording.attrs.get("span", (0.0,))[0]
@@ -235,7 +235,7 @@ def _grid(raws: list[Raw], clock: Clock, mapping: ChannelMap, file: str) -> Floa
 
 
 def _coarse(raws: list[Raw], step: float, mapping: ChannelMap) -> list[str]:
-    """Say that the time base is that of a slow signal, which happens to be the first one."""
+    """Return the warning that the time base is that of a slow signal, which happens to be the first one."""
     fine = min((float(np.median(np.diff(r.time))) for r in raws if len(r.time) > 1), default=step)
     if np.isfinite(mapping.step) or step < _COARSER * fine:
         return []
@@ -355,7 +355,7 @@ def _derive(signals: dict[str, Floats], mapping: ChannelMap, step: float, file: 
 
 
 def _about(raw: Raw, delay: float, spread: float, mapping: ChannelMap) -> dict[str, float | int | str]:
-    """Return what is known of a measured channel, as attributes."""
+    """Return the attributes of a measured channel."""
     spacing = float(np.median(np.diff(raw.time))) if len(raw.time) > 1 else np.nan
     return {
         "derived": 0,
@@ -398,7 +398,7 @@ def _warnings(raw: Raw, start: float) -> list[str]:
 
 
 def _removed_spikes(raws: Sequence[Raw], start: float) -> list[str]:
-    """Say in one sentence which samples of all channels are treated as missing because the map wants it."""
+    """Return one sentence with the samples of all channels that are treated as missing because the map wants it."""
     each = [f"{r.channel.signal} {_spikes(r, start)}" for r in raws if len(r.spikes) and r.channel.remove_spikes]
     return [f"single-sample spikes, treated as missing: {'; '.join(each)}"] if each else []
 
@@ -410,7 +410,7 @@ def _spikes(raw: Raw, start: float) -> str:
 
 
 def _unknown_points(mapping: ChannelMap) -> list[str]:
-    """Say which signals could not be moved because it is unknown where they were measured."""
+    """Return sentences with the signals that could not be moved because their lever arm is unknown."""
     sentences = []
     for name, point in mapping.points.items():
         here = [c.signal for c in mapping.channels if c.point == name]

@@ -1,6 +1,6 @@
 """Propose a channel map for a recording: which column may be which signal, in which unit, with which sign.
 
-It is a guess to be looked at, and says for every entry why: by the name of the column, the unit that the file or the
+It is a guess to be checked, with reasons for every entry: by the name of the column, the unit that the file or the
 name states, the range of the values, and by what signals have to do with each other, ``a_y = v r`` in slow changes.
 """
 
@@ -47,9 +47,9 @@ _ALIKE = 0.9
 _SAYS_NOTHING = "its name says nothing of a signal"
 _ACROSS = {"lateral_acceleration": "longitudinal_acceleration", "longitudinal_acceleration": "lateral_acceleration"}
 _OTHER_AXES = 1.5
-"""What it counts against an acceleration that a letter names the axis of that it is the other one's."""
+"""Log odds against the other axis of an acceleration whose axis a letter names."""
 _RATE = 1.5
-"""What it counts against a yaw that it is the yaw rate."""
+"""Log odds against the yaw rate of a column that is called yaw."""
 _STEERS = 0.3
 """Correlation of steering and yaw rate from which its sign counts."""
 _AS_FAST = 0.1
@@ -66,7 +66,7 @@ class Proposal:
         guesses: Its entries.
         clocks: Columns of time with their units and why.
         left_out: Columns that are no entry, with the reason of each.
-        notes: What else the user should know.
+        notes: Further notes for the user.
         text: The map, as a file.
     """
 
@@ -76,7 +76,7 @@ class Proposal:
     notes: tuple[str, ...]
     text: str = field(default="", repr=False)
 
-    def said(self) -> list[str]:
+    def lines(self) -> list[str]:
         """Return what was guessed and why, in lines."""
         lines = [f"time: '{column}' in {unit} ({why})" for column, unit, why in self.clocks]
         for g in self.guesses:
@@ -94,7 +94,7 @@ class Proposal:
 
 @dataclass
 class _Columns:
-    """What the columns of a recording may be.
+    """Candidates for the columns of a recording.
 
     Attributes:
         front: Guesses of the vehicle, or of the tractor.
@@ -255,7 +255,7 @@ def _by_unit_and_motion(unread: Sequence[Guess], guesses: Mapping[str, Guess], m
 
 
 def _moves_alike(g: Guess, guesses: Mapping[str, Guess], motion: Motion) -> bool:
-    """Whether a column moves as its signal must."""
+    """Return whether a column moves as its signal must."""
     names = ("yaw_rate", "lateral_acceleration") if g.signal == "speed" else ("speed", "yaw_rate")
     if not set(names) <= set(guesses):
         return False
@@ -265,7 +265,7 @@ def _moves_alike(g: Guess, guesses: Mapping[str, Guess], motion: Motion) -> bool
 
 
 def _settled(chosen: Chosen, motion: Motion, seen: Witness) -> tuple[list[Guess], list[str]]:
-    """Return guesses with signs as their motions agree and the reasons, and what there is to say about them."""
+    """Return guesses with the signs by which their motions agree, with reasons, and notes on them."""
     guesses = dict(chosen.guesses)
     signs, notes = _signs(guesses, chosen.relations, motion, seen)
     for name, why in signs.items():
@@ -300,7 +300,7 @@ def _settled(chosen: Chosen, motion: Motion, seen: Witness) -> tuple[list[Guess]
 
 
 def _turns(g: Guess) -> bool:
-    """Whether a steering angle was compared with the yaw rate."""
+    """Return whether a steering angle was compared with the yaw rate."""
     return any(why.startswith(WHEELBASE) for why in g.why)
 
 

@@ -46,13 +46,13 @@ def _span(match: re.Match[str], said: str) -> Span:
     return start, stop
 
 
-def part_of(recording: xr.Dataset, span: Span, said: str) -> xr.Dataset:
+def part_of(recording: xr.Dataset, span: Span, where: str) -> xr.Dataset:
     """Return the samples of a span, their time from 0; the end itself belongs to the part behind it.
 
     Args:
         recording: The whole recording.
         span: Which part.
-        said: As the user named it, for errors.
+        where: As the user named it, for errors.
 
     Raises:
         UserError: If the recording has fewer than two samples there.
@@ -60,7 +60,7 @@ def part_of(recording: xr.Dataset, span: Span, said: str) -> xr.Dataset:
     time = recording["time"].to_numpy()
     inside = np.flatnonzero((time >= span[0] - 1e-9) & (time < span[1] - 1e-9))
     if len(inside) < 2:
-        raise UserError(f"{said}: the recording runs from 0 to {time[-1]:.2f} s; there is nothing in that span")
+        raise UserError(f"{where}: the recording runs from 0 to {time[-1]:.2f} s; there is nothing in that span")
     part = recording.isel(time=inside)
     begun = float(part["time"][0])
     kept = {"span": [begun, float(time[inside[-1]])], "start": float(recording.attrs.get("start", 0.0)) + begun}

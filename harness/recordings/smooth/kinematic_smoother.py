@@ -10,8 +10,8 @@ Noise that a signal cannot lack is that of its resolution: readings that are mul
 ``step^2 / 12``. The error of rounding is the same in several equal readings in a row, which no mean over them takes
 away, so that much is added to the variance of what is smoothed.
 
-``filtered`` takes the past alone. What cannot be had without the future is replaced by what is known beforehand: the
-noise is stated, and the intensities lie around a fixed bandwidth. The interacting multiple model filter finds the
+``filtered`` takes the past alone. Quantities that cannot be estimated without the future are given: the noise is
+stated, and the intensities lie around a fixed bandwidth. The interacting multiple model filter finds the
 probability of each from the past.
 """
 

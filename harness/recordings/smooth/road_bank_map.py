@@ -45,7 +45,7 @@ _BESIDE = 6.0
 """m beside the mapped path that still count as on it: a lane and a half."""
 
 _PER_RADIAN = 10.0
-"""m that a radian of heading counts when the nearest place is looked for, so that crossings are told apart."""
+"""m; weight of a radian of heading in the distance to a place, so that crossings are separated."""
 
 _KNOWN = 0.5
 """Share of a drive that must lie on the map."""
@@ -82,7 +82,7 @@ class BankMap:
 
 @dataclass(frozen=True)
 class _Passages:
-    """What some drives measured on a road.
+    """Measurements of some drives on a road.
 
     Attributes:
         path: Its places ``(places, 4)``.
