@@ -210,9 +210,8 @@ class Estimates(Shown):
             UserError: If the folder cannot be written to.
         """
         from harness.common.places import inside
-        from harness.recorded.report import report
+        from harness.recorded.report import report, write_estimates, write_numbers
         from harness.recorded.run import inputs_in_words
-        from harness.recorded.write import write_estimates, write_numbers
 
         folder = Path(folder)
         files = write_estimates(inside(folder, "estimates"), self._found.runs, form)

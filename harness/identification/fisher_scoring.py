@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -108,12 +109,7 @@ def maximise(
     z, damping, hopeless, stuck = start.copy(), 1e-2, False, False
     relative = np.zeros(int(moved.sum()), dtype=bool) if variances is None else variances[moved]
     value, predicted, information, before = -np.inf, np.inf, np.empty((0, 0)), 0.0
-
-    def ahead(z: Floats, steps: Sequence[Floats]) -> Floats:
-        way, trials = np.column_stack(steps), np.repeat(z[:, None], len(steps), axis=1)
-        trials[moved] += np.where(relative[:, None], np.minimum(way, np.log1p(np.maximum(way, _LEAST))), way)
-        return np.clip(trials, objective.lower[:, None], objective.upper[:, None])
-
+    ahead = partial(_ahead, objective, moved, relative)
     for _ in range(iterations):
         value, gradient, information = objective.slopes(z, moved)
         lower, upper = objective.lower[moved] - z[moved], objective.upper[moved] - z[moved]
@@ -152,6 +148,16 @@ def maximise(
             break  # slow, or rounding of the likelihood
         before += gained
     return Maximum(z, value, information, predicted, hopeless, stuck)
+
+
+def _ahead(objective: Objective, moved: Mask, relative: Mask, z: Floats, steps: Sequence[Floats]) -> Floats:
+    """Return the points at the ends of steps from a point, within the bounds ``(n, steps)``.
+
+    ``relative`` ``(moved,)``: which steps are of variances, whose logarithm the coordinate is.
+    """
+    way, trials = np.column_stack(steps), np.repeat(z[:, None], len(steps), axis=1)
+    trials[moved] += np.where(relative[:, None], np.minimum(way, np.log1p(np.maximum(way, _LEAST))), way)
+    return np.clip(trials, objective.lower[:, None], objective.upper[:, None])
 
 
 def bounded_step(gradient: Floats, information: Floats, damping: float, lower: Floats, upper: Floats) -> Floats:

@@ -1,19 +1,25 @@
-"""The report of ``harness estimate``: which estimator can be trusted on these recordings, and how well it says so."""
+"""Report and files of ``harness estimate``: consistency and errors of estimators on recordings, estimates over time."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import xarray as xr
 
+from harness.common.errors import UserError
+from harness.common.files import json_text, write_files
 from harness.models.quantities import listed, quantity, words
 from harness.recorded import figures
 from harness.recorded.run import inputs_in_words
-from harness.recorded.summary import RunSummary, is_coloured, references_of, signals_of, verdicts
+from harness.recorded.summary import RunSummary, is_coloured, outputs_of, record, references_of, signals_of, verdicts
+from harness.recordings.read.write import write_recording
 from harness.reporting import style
 from harness.reporting.document import (
     Block,
@@ -286,3 +292,55 @@ def _pages(names: Sequence[str]) -> list[list[str]]:
 
 def _named(names: Sequence[str]) -> str:
     return listed([words(n) for n in names])
+
+
+Format = Literal["csv", "parquet", "nc"]
+
+
+def as_columns(run: xr.Dataset) -> xr.Dataset:
+    """Return a run with variables over time only; each pair of outputs has its covariance as a column."""
+    outputs, columns = outputs_of(run), run.drop_dims(["output", "other_output"])
+    for i, output in enumerate(outputs):
+        for other in outputs[i + 1 :]:
+            pair = run["innovation_covariance"].sel(output=output, other_output=other, drop=True)
+            columns[f"innovation_covariance_{output}_{other}"] = pair
+    return columns
+
+
+def write_estimates(folder: Path, runs: Sequence[xr.Dataset], form: Format) -> list[Path]:
+    """Write every run into a folder and return the files.
+
+    Args:
+        folder: Made if absent.
+        runs: From ``harness.recorded.run.RecordedEstimator.run``.
+        form: ``csv`` and ``parquet`` have a column for each variable, in SI units; ``nc`` keeps units and provenance
+            as CF attributes.
+
+    Raises:
+        UserError: If a file cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"{folder}: cannot be written: {error.strerror or error}") from None
+    written = []
+    for run in runs:
+        path = folder / f"{file_stem(run.attrs['recording'])}-{file_stem(run.attrs['estimator'])}.{form}"
+        write_recording(run if form == "nc" else as_columns(run), path)
+        written.append(path)
+    return written
+
+
+def file_stem(name: str) -> str:
+    """Return a name as part of a file's name."""
+    return re.sub(r"[^\w.=+-]+", "_", name).strip("_") or "unnamed"
+
+
+def write_numbers(folder: Path, summaries: Sequence[RunSummary], answer: str, comment: str) -> Path:
+    """Write the answer and the numbers of all runs as ``estimate.json`` and return its path.
+
+    Raises:
+        UserError: If it cannot be written.
+    """
+    content = {"answer": answer, "comment": comment, "runs": [record(s) for s in summaries]}
+    return write_files(folder, {"estimate.json": json_text(content)})[0]

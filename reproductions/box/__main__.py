@@ -23,7 +23,6 @@ from harness.common.errors import UserError
 from harness.common.files import json_text, read_text, renewed, write_files
 from reproductions.box import nearest, report, search
 from reproductions.box.analysis import exclusions, most_findings, survivals
-from reproductions.box.data import as_json
 from reproductions.box.evidence import told
 from reproductions.box.points import Folder, sequence
 from reproductions.campaign import box
@@ -84,7 +83,7 @@ def main(arguments: Sequence[str]) -> None:
         f"python -m reproductions.box {shlex.join(arguments)}",
     )
     report.report(result).write(chosen.out)
-    data = as_json(result, folder.code)
+    data = report.as_json(result, folder.code)
     write_files(
         chosen.out, {"box.json": json_text(data), **nearest.as_toml(result.nearest_as_printed.at, result.command)}
     )

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from harness.diagnosis.report.parameter_changes import answer, record
+from harness.diagnosis.measured_study import answer_of_changes, record_of_changes
 from harness.diagnosis.selection.parameter_changes import Changes, single_changes
 from support.driven_car import driven
 
@@ -45,13 +45,13 @@ def test_a_change_that_does_not_carry_over_is_none(geared):
 
 
 def test_numbers_of_the_integration_are_not_tried(geared):
-    names = [c["name"] for c in record(geared)["tried"]]
+    names = [c["name"] for c in record_of_changes(geared)["tried"]]
     assert "lowest_speed" not in names
     assert {"mass", "yaw_inertia", "stiffness_peak_front"} <= set(names)
-    assert record(geared)["found"] == "steering_ratio"
+    assert record_of_changes(geared)["found"] == "steering_ratio"
 
 
 def test_the_answer_names_parameter_and_both_values(augmented, geared):
-    said = answer(geared, SimpleNamespace(trace=SimpleNamespace(added=())), augmented.spec)
+    said = answer_of_changes(geared, SimpleNamespace(trace=SimpleNamespace(added=())), augmented.spec)
     assert re.match(r"Steering ratio changed from 1.00 to (3\.0\d+|2\.9\d+) ± 0.0\d+\. ", said)
     assert "falls by " in said

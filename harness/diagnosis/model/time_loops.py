@@ -75,12 +75,7 @@ def filter_whole(u, between, nominal, y, errors, constants, nominal_constants, Q
     u, between, y, errors, constants, nominal_constants, notes = borrowed(
         (u, between, y, errors, constants, nominal_constants, notes)
     )
-    for i in range(NX_WHOLE):
-        put(get(x0, i), x, i)
-    for i in range(NX):
-        put(get(P0, i), P, i, i)
-    put(splat(0.0), total, 0)
-    put(splat(1.0 * samples), total, 1)
+    begin_filter(x0, P0, samples, x, P, total)
     for k in range(1, samples):
         fill(between[k - 1], u_now)
         choose(u_now, nominal, u_nominal)
@@ -111,6 +106,16 @@ def filter_whole(u, between, nominal, y, errors, constants, nominal_constants, Q
         valid_until = get(total, 1)
         put(select((beyond(x, valid[0], valid[1]) > 0.0) & (valid_until > 1.0 * k), 1.0 * k, valid_until), total, 1)
     retain(owned)
+
+
+def begin_filter(x0, P0, samples, x, P, total):
+    """Write the first mean and covariance, and a log-likelihood of zero that holds for all samples."""
+    for i in range(NX_WHOLE):
+        put(get(x0, i), x, i)
+    for i in range(NX):
+        put(get(P0, i), P, i, i)
+    put(splat(0.0), total, 0)
+    put(splat(1.0 * samples), total, 1)
 
 
 def choose(u, rows, chosen):
