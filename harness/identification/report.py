@@ -13,7 +13,7 @@ from harness.identification.contract import Estimate, Fit
 from harness.identification.free_run import BLOCK, FEWEST
 from harness.identification.measured_file import SpanTable
 from harness.identification.result import Judged, answer
-from harness.identification.whiteness import is_white
+from harness.identification.whiteness import REJECTED, Whiteness
 from harness.models.quantities import print_unit, quantity, words
 from harness.reporting import style
 from harness.reporting.document import (
@@ -29,6 +29,9 @@ from harness.reporting.document import (
     plain,
     strong,
 )
+
+WHITENESS = ("variance", "p, Ljung-Box", "p, cumulative periodogram")
+"""Columns of the tests of whiteness."""
 
 
 def report(
@@ -181,27 +184,13 @@ def _residuals(fit: Fit, judged: list[Judged]) -> list[Block]:
     if not judged:
         return []
     outputs = list(fit.spec.model().outputs)
-    rows, coloured = [], []
-    for j in judged:
-        for name, w in zip(outputs, j.whiteness, strict=True):
-            rows.append(
-                [
-                    j.drive.name,
-                    words(name),
-                    style.number(w.variance),
-                    style.probability(w.ljung_box),
-                    style.probability(w.periodogram),
-                ]
-            )
-            if not is_white(w):
-                coloured.append(f"{words(name)} of {j.drive.name}")
+    coloured = coloured_outputs(judged, outputs, REJECTED)
     little = "" if fit.coloured or not fit.correlation.size else "; on the fitted drives that widens no interval"
     sentence = (
         "Yes: no test rejects it."
         if not coloured
         else f"No: those of {', '.join(coloured)} are coloured, so the model leaves something predictable{little}."
     )
-    header = ["drive", "output", "variance", "p, Ljung-Box", "p, cumulative periodogram"]
     caption = "Whitened innovations; those of a correct model are white (large p) with variance 1."
     return [
         Heading("Are the innovations white?"),
@@ -212,8 +201,29 @@ def _residuals(fit: Fit, judged: list[Judged]) -> list[Block]:
             "dotted lines in 95 of 100 cases.",
             "Share of power below each frequency less that of white noise, for each output, with the 95 % band.",
         ),
-        Sheet(header, rows, caption, left=2),
+        whiteness_sheet(judged, outputs, caption),
     ]
+
+
+def coloured_outputs(judged: Sequence[Judged], outputs: Sequence[str], limit: float) -> list[str]:
+    """Return the outputs of each drive whose innovations a test of whiteness rejects at a p-value, in words."""
+    tested = [(name, j, w) for j in judged for name, w in zip(outputs, j.whiteness, strict=True)]
+    return [f"{words(name)} of {j.drive.name}" for name, j, w in tested if w.p_value < limit]
+
+
+def whiteness_sheet(judged: Sequence[Judged], outputs: Sequence[str], caption: str) -> Sheet:
+    """Return the tests of whiteness of every output of every drive as a table."""
+    rows = [
+        [j.drive.name, words(name), *whiteness_cells(w)]
+        for j in judged
+        for name, w in zip(outputs, j.whiteness, strict=True)
+    ]
+    return Sheet(["drive", "output", *WHITENESS], rows, caption, left=2)
+
+
+def whiteness_cells(w: Whiteness) -> list[str]:
+    """Return variance and p-values of a series of innovations, in the order of ``WHITENESS``."""
+    return [style.number(w.variance), style.probability(w.ljung_box), style.probability(w.periodogram)]
 
 
 def _certainty(fit: Fit) -> list[Block]:

@@ -55,10 +55,24 @@ class Whiteness:
     cumulative: Floats
     band: float
 
+    @property
+    def p_value(self) -> float:
+        """The smaller p-value of the two tests; NaN of a series that is too short."""
+        return min(self.ljung_box, self.periodogram)
+
+    @property
+    def record(self) -> dict[str, float]:
+        """Variance and p-values by the keys of result files."""
+        return {
+            "variance": self.variance,
+            "ljung_box_p": self.ljung_box,
+            "cumulative_periodogram_p": self.periodogram,
+        }
+
 
 def is_white(whiteness: Whiteness) -> bool:
     """Whether no test rejects that a series is white; one that is too short is not tested."""
-    return not min(whiteness.ljung_box, whiteness.periodogram) < REJECTED
+    return not whiteness.p_value < REJECTED
 
 
 def whiteness(series: Floats) -> Whiteness:

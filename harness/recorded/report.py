@@ -15,6 +15,7 @@ import xarray as xr
 
 from harness.common.errors import UserError
 from harness.common.files import json_text, write_files
+from harness.identification.report import WHITENESS, whiteness_cells
 from harness.models.quantities import listed, quantity, words
 from harness.recorded import figures
 from harness.recorded.run import inputs_in_words
@@ -225,13 +226,7 @@ def _over_time(estimated: Estimated) -> list[Block]:
 
 def _innovations(estimated: Estimated) -> list[Block]:
     rows = [
-        [
-            s.recording,
-            s.estimator,
-            words(n),
-            style.number(w.variance),
-            *map(style.probability, (w.ljung_box, w.periodogram)),
-        ]
+        [s.recording, s.estimator, words(n), *whiteness_cells(w)]
         for s in estimated.summaries
         if math.isfinite(s.nis)
         for n, w in s.whiteness.items()
@@ -239,7 +234,7 @@ def _innovations(estimated: Estimated) -> list[Block]:
     heading = Heading("Do the innovations fit what is stated of them?")
     if not rows:
         return [heading, Prose(plain("No estimator states a covariance, so nothing can be compared."))]
-    header = ["recording", "estimator", "output", "variance", "p, Ljung-Box", "p, cumulative periodogram"]
+    header = ["recording", "estimator", "output", *WHITENESS]
     caption = (
         "Innovations over the standard deviation stated of them; those of a correct model are white (large p) with "
         "variance 1."

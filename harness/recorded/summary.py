@@ -215,10 +215,7 @@ def record(summary: RunSummary) -> dict[str, Any]:
         "nees_inside_95": summary.nees_inside,
         "diverged_at": summary.diverged_at,
         "repairs": summary.repairs,
-        "innovations": {
-            n: {"variance": w.variance, "ljung_box_p": w.ljung_box, "cumulative_periodogram_p": w.periodogram}
-            for n, w in summary.whiteness.items()
-        },
+        "innovations": {n: w.record for n, w in summary.whiteness.items()},
         "errors": {
             n: {
                 "unit": SIGNALS[n].unit if n in SIGNALS else "",

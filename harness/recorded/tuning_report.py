@@ -89,10 +89,7 @@ def _consistency(c: Consistency) -> dict[str, Any]:
         "nis_over_degrees": c.nis,
         "nis_inside_95": c.inside,
         "samples": c.samples,
-        "whitened_innovations": {
-            n: {"variance": w.variance, "ljung_box_p": w.ljung_box, "cumulative_periodogram_p": w.periodogram}
-            for n, w in c.outputs.items()
-        },
+        "whitened_innovations": {n: w.record for n, w in c.outputs.items()},
     }
 
 

@@ -31,7 +31,7 @@ def _main(tried: Tried) -> Iterator[str]:
     if not helps(tried.best, first):
         small = "makes the boxes a quarter wider" if first.boxes else "takes a fifth off the error at the worst level"
         yield (
-            f"Nothing that was tried helps against the {_drivers(tried)}: no remedy {small}, also not with further "
+            f"Nothing that was tried helps against the {drivers_of(tried)}: no remedy {small}, also not with further "
             "sensors."
         )
         return
@@ -60,7 +60,8 @@ def _effect(o: RemedyOutcome, first: RemedyOutcome) -> str:
     return f"The median error{level} goes {listed(parts)}."
 
 
-def _drivers(tried: Tried) -> str:
+def drivers_of(tried: Tried) -> str:
+    """Return the parameters or effects that drive the error."""
     return listed([words(d) for d in tried.drivers])
 
 
@@ -68,9 +69,12 @@ def further(tried: Tried) -> Iterator[tuple[str, str]]:
     """Return what else there is to say, each with its head."""
     first, taken = tried.outcomes[0], tried.best
     if tried.traced:
-        yield "What is wrong?", f"The vehicle has {_drivers(tried)}, the estimator believes the model without."
+        yield "What is wrong?", f"The vehicle has {drivers_of(tried)}, the estimator believes the model without."
     else:
-        yield "What drives the error?", f"Of what the study varies, {_drivers(tried)}; remedies are tried against this."
+        yield (
+            "What drives the error?",
+            f"Of what the study varies, {drivers_of(tried)}; remedies are tried against this.",
+        )
     if tried.ideal is not None and taken is not first:
         ratios = taken.medians.max(axis=1) / tried.ideal.medians.max(axis=1)
         phrase = listed([f"{times(float(r))} for the {q.words}" for r, q in zip(ratios, first.targets, strict=True)])

@@ -17,7 +17,7 @@ from harness.config import ModelSpec, Study
 from harness.config.parameter_set import UNSURE, set_text
 from harness.models.quantities import listed, quantity, words
 from harness.models.signals import SIGNALS
-from harness.remedy.answer import answer, further, times
+from harness.remedy.answer import answer, drivers_of, further, times
 from harness.remedy.choices import AS_IT_IS, Remedy, prior
 from harness.remedy.choices import parameters as parameters_of
 from harness.remedy.judge import RemedyOutcome, harm, nominal_cost
@@ -49,7 +49,7 @@ def report(tried: Tried, command: str) -> Report:
         tried: From ``try_remedies``.
         command: The command that is running, for the record.
     """
-    title = f"What helps where the {_drivers(tried)} {'is' if len(tried.drivers) == 1 else 'are'} not as believed?"
+    title = f"What helps where the {drivers_of(tried)} {'is' if len(tried.drivers) == 1 else 'are'} not as believed?"
     sections = [
         Section(partial(_answer, tried), "Answer"),
         *(
@@ -111,10 +111,6 @@ def believed(study: Study) -> ModelSpec:
             replace(s, walk=s.walk * factors.get("process", 1.0) ** 0.5) for s in spec.parameter_states
         ),
     )
-
-
-def _drivers(tried: Tried) -> str:
-    return listed([words(d) for d in tried.drivers])
 
 
 def _answer(tried: Tried) -> list[Block]:

@@ -15,6 +15,7 @@ from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.result.record import equation
 from harness.diagnosis.selection.acceptance import Candidate
 from harness.identification import figures as fit_figures
+from harness.identification.report import coloured_outputs, whiteness_sheet
 from harness.models.quantities import quantity, words
 from harness.reporting import style
 from harness.reporting.document import (
@@ -202,15 +203,9 @@ def _excitation(outcome: Outcome) -> list[Block]:
 
 def _residual(outcome: Outcome) -> list[Block]:
     outputs = list(outcome.trace.fitting.augmented.model.outputs)
-    rows, coloured = [], []
     if not outcome.judged:
         return [Heading("Are the innovations white?"), Prose(plain("It could not be tested."))]
-    for j in outcome.judged:
-        for name, w in zip(outputs, j.whiteness, strict=True):
-            tests = [style.probability(w.ljung_box), style.probability(w.periodogram)]
-            rows.append([j.drive.name, words(name), style.number(w.variance), *tests])
-            if min(w.ljung_box, w.periodogram) < WHITE:
-                coloured.append(f"{words(name)} of {j.drive.name}")
+    coloured = coloured_outputs(outcome.judged, outputs, WHITE)
     sentence = (
         f"Yes: no test rejects it at {style.number(WHITE)}."
         if not coloured
@@ -225,11 +220,10 @@ def _residual(outcome: Outcome) -> list[Block]:
             "95 % band of white noise.",
             "Cumulative share of power over frequency for each output, less that of white noise.",
         ),
-        Sheet(
-            ["drive", "output", "variance", "p, Ljung-Box", "p, cumulative periodogram"],
-            rows,
+        whiteness_sheet(
+            outcome.judged,
+            outputs,
             "Whitened innovations of the final model; those of a correct model are white with variance 1.",
-            left=2,
         ),
     ]
 

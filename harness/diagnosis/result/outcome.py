@@ -131,9 +131,7 @@ def outcome_of(trace: Trace, say: Say = lambda _: None, failures: Failures = RAI
     values = _values(trace, errors)
     judged = failures.attempt("the tests of the innovations", lambda: _judged(trace), lambda _: ())
     # Innovations that could not be tested do not count as white.
-    coloured = not judged or any(
-        min(w.ljung_box, w.periodogram) < WHITE for j in judged if j.held_out for w in j.whiteness
-    )
+    coloured = not judged or any(w.p_value < WHITE for j in judged if j.held_out for w in j.whiteness)
     localisation = failures.attempt(
         "the search for where something is missing",
         lambda: where(trace, amended, coloured or strays(trace), failures),

@@ -83,7 +83,7 @@ def colour_left(before: Sequence[DriveJudgement], after: Sequence[DriveJudgement
         after: Another one there.
     """
     earlier, later = ([w for d in drives for w in d.whiteness] for drives in (before, after))
-    coloured = [(b, a) for b, a in zip(earlier, later, strict=True) if min(a.ljung_box, a.periodogram) < WHITE]
+    coloured = [(b, a) for b, a in zip(earlier, later, strict=True) if a.p_value < WHITE]
     return max((a.correlation / b.correlation for b, a in coloured), default=0.0)
 
 
