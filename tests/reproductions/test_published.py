@@ -11,7 +11,7 @@ from harness.common.statistics import Interval
 from reproductions import reproduce
 from reproductions.campaign.claims import CLAIMS
 from reproductions.campaign.evidence import Evidence
-from reproductions.published import figures, kit, page, wording, ziaukas_evidence, ziaukas_ideal, ziaukas_ramps
+from reproductions.published import kit, page, wording, ziaukas_evidence, ziaukas_ideal, ziaukas_ramps
 from reproductions.published.record import (
     Kind,
     Outcome,
@@ -26,6 +26,7 @@ from reproductions.published.record import (
     setting,
     statement,
 )
+from reproductions.published.report import compared, overview
 from reproductions.published.results import Missing, Origin, Stored, state_of
 from reproductions.published.wording import Chapter
 from reproductions.stored import LONG
@@ -276,9 +277,9 @@ def test_the_page_has_a_row_per_record_and_no_broken_cell():
 
 
 def test_pictures_show_every_outcome():
-    svg = figures.overview([_chapter()])
+    svg = overview([_chapter()])
     assert b"<svg" in svg
-    assert len(figures.compared(_chapter().rows)) == 1  # a setting is no result
+    assert len(compared(_chapter().rows)) == 1  # a setting is no result
 
 
 def test_the_command_writes_report_and_data_of_a_document(tmp_path, capsys, monkeypatch):
