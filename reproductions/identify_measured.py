@@ -40,7 +40,7 @@ from harness.models.quantities import quantity
 from harness.recordings.check.axle_curves import GRAVITY, AxleCurve, Slope, axles_of
 from harness.recordings.check.check_report import axle_figure
 from harness.reporting import style
-from harness.reporting.document import Block, Heading, Prose, Report, Section, Sheet, plain
+from harness.reporting.document import Block, Prose, Report, Section, Sheet, plain
 
 
 @dataclass(frozen=True)
@@ -74,9 +74,11 @@ def report(result: Identified, title: str, spans: Mapping[str, Sequence[SpanTabl
         command: How it was made.
     """
     evidence = [
-        Section(lambda: [_errors(result)], "How large are the errors of each model?"),
-        Section(lambda: [Prose(plain(_steering(result)))], "How is the steering calibrated?"),
-        Section(lambda: [spans_sheet({"fitted": spans["train"], "held out": spans["test"]})], "Which drives?"),
+        Section(lambda: [_errors(result)], "How large are the errors of each model?", headed=False),
+        Section(lambda: [Prose(plain(_steering(result)))], "How is the steering calibrated?", headed=False),
+        Section(
+            lambda: [spans_sheet({"fitted": spans["train"], "held out": spans["test"]})], "Which drives?", headed=False
+        ),
         Section(lambda: _stiffness(result), "Where does the search begin, and where does it end?"),
     ]
     return report_on_fit(result.fit, list(result.judged), command, title, evidence)
@@ -84,7 +86,6 @@ def report(result: Identified, title: str, spans: Mapping[str, Sequence[SpanTabl
 
 def _stiffness(result: Identified) -> list[Block]:
     return [
-        Heading("Where does the search begin, and where does it end?"),
         Prose(plain(_slopes(result))),
         axle_figure(result.axles_before, title="How stiff are the axles with the published parameters?"),
         axle_figure(

@@ -77,7 +77,7 @@ def _trace(
         repeats=worth.repeats if worth else REPEATS,
     )
     outcome = run_trace(task, folder, console)
-    about = Section(lambda: _about(study, ""), "Which drives?")
+    about = Section(lambda: _about(study, ""), "Which drives?", headed=False)
     _write(study, outcome, spec, raw.title, [about], folder, console)
     return outcome
 
@@ -103,8 +103,8 @@ def _changed(
         "the answer to what changed", lambda: answer_of_changes(changes, outcome, spec), lambda _: outcome.answer
     )
     evidence = [
-        Section(lambda: [_table_of_changes(changes)], "Which parameter changed?"),
-        Section(lambda: _about(study, "changed."), "Which drives?"),
+        Section(lambda: [_table_of_changes(changes)], "Which parameter changed?", headed=False),
+        Section(lambda: _about(study, "changed."), "Which drives?", headed=False),
     ]
     _write(study, outcome, spec, study.raw.changed.question, evidence, folder, console, answer)
     return answer
@@ -144,7 +144,9 @@ def _write(
             "loop.json, the error of each model on the held-out drives", lambda: held_out(outcome, stated), lambda _: {}
         )
         write_files(folder, {"loop.json": json_text(errors)})
-        table = Section(lambda: [_errors(errors)] if errors else [], "How large is the error on each held-out drive?")
+        table = Section(
+            lambda: [_errors(errors)] if errors else [], "How large is the error on each held-out drive?", headed=False
+        )
         made = report(outcome, f"harness loop {study.path}", title, answer, [table, *evidence])
         made.write(folder, failures=outcome.failures)
 

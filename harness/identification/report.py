@@ -20,7 +20,6 @@ from harness.reporting.document import (
     Block,
     Bullets,
     Drawing,
-    Heading,
     Listing,
     Prose,
     Report,
@@ -57,7 +56,7 @@ def report(
         *(_gains(fit, judged) if evidence is None else evidence),
         Section(lambda: _parameters(fit), "Which values?"),
         Section(lambda: _over_time(fit, judged), "Does the simulation follow the drives?"),
-        Section(lambda: _errors(fit, judged), "How large are the errors?"),
+        Section(lambda: _errors(fit, judged), "How large are the errors?", headed=False),
         Section(lambda: _residuals(fit, judged), "Are the innovations white?"),
         Section(lambda: _certainty(fit), "Which estimates are correlated?"),
         Section(lambda: _made(fit, command), "How was it made?"),
@@ -66,7 +65,7 @@ def report(
 
 
 def _answer(fit: Fit, judged: Sequence[Judged], notes: Sequence[str]) -> list[Block]:
-    blocks: list[Block] = [Heading("What was found?"), Prose(strong(answer(fit, judged)))]
+    blocks: list[Block] = [Prose(strong(answer(fit, judged)))]
     if not fit.converged:
         blocks.append(Prose(plain("The search did not converge; take the values with care.")))
     bounded = [f"{words(e.name)}: {e.reason}" for e in fit.estimates if e.verdict == "at its bound"]
@@ -81,7 +80,13 @@ def _answer(fit: Fit, judged: Sequence[Judged], notes: Sequence[str]) -> list[Bl
 
 
 def _gains(fit: Fit, judged: list[Judged]) -> list[Block]:
-    return [Section(lambda: [Bullets([plain(_gain(j, fit)) for j in judged])], "How large is the simulation error?")]
+    return [
+        Section(
+            lambda: [Bullets([plain(_gain(j, fit)) for j in judged])],
+            "How large is the simulation error?",
+            headed=False,
+        )
+    ]
 
 
 def _gain(judged: Judged, fit: Fit) -> str:
@@ -105,7 +110,7 @@ def _shown(name: str, value: float) -> str:
 def _parameters(fit: Fit) -> list[Block]:
     parameters = [e for e in fit.estimates if e.name in fit.spec.values]
     noise = [e for e in fit.estimates if e.name not in fit.spec.values]
-    blocks: list[Block] = [Heading("Which values?"), _sheet(parameters, "Parameters before and after the fit")]
+    blocks: list[Block] = [_sheet(parameters, "Parameters before and after the fit")]
     if any(e.profile is not None for e in parameters):
         blocks.append(
             Drawing(
@@ -144,7 +149,6 @@ def _sheet(estimates: list[Estimate], caption: str) -> Sheet:
 def _over_time(fit: Fit, judged: list[Judged]) -> list[Block]:
     outputs = list(fit.spec.model().outputs)
     blocks: list[Block] = [
-        Heading("Does the simulation follow the drives?"),
         Prose(
             plain(
                 "Free run: the model is simulated over the recorded inputs, without measurements. It begins behind the "
@@ -193,7 +197,6 @@ def _residuals(fit: Fit, judged: list[Judged]) -> list[Block]:
     )
     caption = "Whitened innovations; those of a correct model are white (large p) with variance 1."
     return [
-        Heading("Are the innovations white?"),
         Prose(strong(sentence)),
         Drawing(
             lambda: figures.periodograms(judged, outputs),
@@ -235,7 +238,7 @@ def _certainty(fit: Fit) -> list[Block]:
     )
     alt = "Matrix of correlations between the estimates."
     matrix = Drawing(lambda: figures.correlation(fit), caption, alt)
-    return [Heading("Which estimates are correlated?"), matrix]
+    return [matrix]
 
 
 def _made(fit: Fit, command: str) -> list[Block]:
@@ -244,7 +247,7 @@ def _made(fit: Fit, command: str) -> list[Block]:
         f"after {len(fit.history)} iterations, {'converged' if fit.converged else 'not converged'}."
     )
     notes: list[Block] = [Bullets([plain(n) for n in fit.notes])] if fit.notes else []
-    return [Heading("How was it made?"), Prose(plain(text)), *notes, Listing(command, "sh")]
+    return [Prose(plain(text)), *notes, Listing(command, "sh")]
 
 
 def spans_sheet(spans: Mapping[str, Sequence[SpanTable]]) -> Sheet:

@@ -16,7 +16,6 @@ from harness.reporting import style
 from harness.reporting.document import (
     Block,
     Bullets,
-    Heading,
     Listing,
     Picture,
     Prose,
@@ -67,10 +66,12 @@ def report(outcome: xr.Dataset, findings: Sequence[Block] = ()) -> Report:
         findings: What stands below the answer.
     """
     sections = [
-        Section(lambda: [Prose(plain(answer(outcome)) + " " + plain(_ratios_in_words(outcome)))], "Answer"),
+        Section(
+            lambda: [Prose(plain(answer(outcome)) + " " + plain(_ratios_in_words(outcome)))], "Answer", headed=False
+        ),
         *findings,
-        Section(lambda: [figure(outcome)], "How long does a step take, and how often longer?"),
-        Section(lambda: _tables(outcome), "How long does a step of each estimator take?"),
+        Section(lambda: [figure(outcome)], "How long does a step take, and how often longer?", headed=False),
+        Section(lambda: _tables(outcome), "How long does a step of each estimator take?", headed=False),
         Section(lambda: _said(outcome), "What does this say of a controller?"),
         Section(lambda: _made(outcome), "How was this made?"),
     ]
@@ -79,14 +80,12 @@ def report(outcome: xr.Dataset, findings: Sequence[Block] = ()) -> Report:
 
 def _said(outcome: xr.Dataset) -> list[Block]:
     return [
-        Heading("What does this say of a controller?"),
         Bullets([plain(text) for text in _meaning(outcome)]),
     ]
 
 
 def _made(outcome: xr.Dataset) -> list[Block]:
     return [
-        Heading("How was this made?"),
         Sheet(["item", "value"], _facts(outcome), "Configuration of the measurement.", left=2),
         Prose(
             plain("The study whose estimators were timed; of its drives only the one named above, none of its designs:")

@@ -26,7 +26,6 @@ from harness.reporting.document import (
     Block,
     Bullets,
     Drawing,
-    Heading,
     Listing,
     Prose,
     Report,
@@ -103,7 +102,7 @@ def _parameters(estimated: Estimated) -> list[Block]:
         "does not excite a parameter leaves it where it was believed to be."
     )
     header = ["recording", "estimator", "parameter", "unit", "estimate", "± 95 %"]
-    return [Heading("What are the unknown parameters?"), Sheet(header, rows, caption, left=4)]
+    return [Sheet(header, rows, caption, left=4)]
 
 
 def _best(estimated: Estimated) -> str:
@@ -128,7 +127,6 @@ def _pooled(values: Sequence[float]) -> float:
 
 def _answer(estimated: Estimated) -> list[Block]:
     return [
-        Heading("Which estimator fits these recordings?"),
         Prose(strong(estimated.answer)),
         Prose(plain(inputs_in_words(estimated.runs))),
     ]
@@ -161,7 +159,7 @@ def _comparison(estimated: Estimated) -> list[Block]:
         "if the stated covariance is right; larger means that it is too small. NEES is of all signals that have a "
         "reference, which is taken for exact. A dash: not stated, or there is none."
     )
-    return [Heading("How do the estimators compare?"), Sheet(header, rows, caption, left=3)]
+    return [Sheet(header, rows, caption, left=3)]
 
 
 def _share(value: float) -> str:
@@ -179,7 +177,7 @@ def _errors(estimated: Estimated) -> list[Block]:
             rows.append([s.recording, s.estimator, q.words, q.unit, *sizes, style.number(e.nees), _share(e.inside)])
     if not rows:
         none = "The recordings hold no reference: no state or port that the estimators do not measure themselves."
-        return [Heading("How large are the errors?"), Prose(plain(none))]
+        return [Prose(plain(none))]
     header = [
         "recording",
         "estimator",
@@ -196,7 +194,7 @@ def _errors(estimated: Estimated) -> list[Block]:
         "Estimate less reference. NEES and band take that for exact; its noise is the white part that the reference "
         "shows."
     )
-    blocks: list[Block] = [Heading("How large are the errors?"), Sheet(header, rows, caption, left=4)]
+    blocks: list[Block] = [Sheet(header, rows, caption, left=4)]
     for name, runs in estimated.by_recording().items():
         for part in _pages(references_of(runs[0])):
             blocks.append(
@@ -210,7 +208,7 @@ def _errors(estimated: Estimated) -> list[Block]:
 
 
 def _over_time(estimated: Estimated) -> list[Block]:
-    blocks: list[Block] = [Heading("What is estimated?")]
+    blocks: list[Block] = []
     for name, runs in estimated.by_recording().items():
         for part in _pages(signals_of(runs[0])):
             blocks.append(
@@ -231,15 +229,14 @@ def _innovations(estimated: Estimated) -> list[Block]:
         if math.isfinite(s.nis)
         for n, w in s.whiteness.items()
     ]
-    heading = Heading("Do the innovations fit what is stated of them?")
     if not rows:
-        return [heading, Prose(plain("No estimator states a covariance, so nothing can be compared."))]
+        return [Prose(plain("No estimator states a covariance, so nothing can be compared."))]
     header = ["recording", "estimator", "output", *WHITENESS]
     caption = (
         "Innovations over the standard deviation stated of them; those of a correct model are white (large p) with "
         "variance 1."
     )
-    blocks: list[Block] = [heading, Sheet(header, rows, caption, left=3)]
+    blocks: list[Block] = [Sheet(header, rows, caption, left=3)]
     for name, every in estimated.by_recording().items():
         runs = [r for r in every if np.isfinite(r["nis"]).any()]
         if not runs:
@@ -274,7 +271,7 @@ def _made(estimated: Estimated, command: str) -> list[Block]:
         *(f"{name}: settings {text}." for name, text in settings.items() if text != "none"),
         *estimated.warnings,
     ]
-    return [Heading("How was it made?"), Bullets([plain(n) for n in notes]), Listing(command, "sh")]
+    return [Bullets([plain(n) for n in notes]), Listing(command, "sh")]
 
 
 def _pages(names: Sequence[str]) -> list[list[str]]:

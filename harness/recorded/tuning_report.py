@@ -20,7 +20,6 @@ from harness.reporting.document import (
     Block,
     Bullets,
     Drawing,
-    Heading,
     Listing,
     Prose,
     Report,
@@ -121,7 +120,6 @@ def report(tuning: NoiseTuning, command: str) -> Report:
 
 def _answer(tuning: NoiseTuning) -> list[Block]:
     return [
-        Heading("How noisy are the model and its sensors?"),
         Prose(strong(tuning.answer)),
         Prose(plain(SMOOTHED)),
     ]
@@ -144,7 +142,6 @@ def _variances(tuning: NoiseTuning) -> list[Block]:
     )
     remarks = [f"{v.label[:1].upper()}{v.label[1:]}: {v.reason}." for v in tuning.variances if v.held]
     blocks: list[Block] = [
-        Heading("Which variances?"),
         Sheet(header, rows, caption, left=3),
         Drawing(
             lambda: _picture(tuning),
@@ -190,7 +187,6 @@ def _consistencies(tuning: NoiseTuning) -> list[Block]:
             numbers = [f(getattr(c.outputs[name], part)) for f, part in _TESTS for c in (b, a)]
             white.append([b.name, words(name), *numbers])
     return [
-        Heading("Do the innovations fit?"),
         Sheet(
             ["recording", "samples", "NIS/dof before", "after", "in 95 % band before", "after"],
             rows,
@@ -217,4 +213,4 @@ def _made(tuning: NoiseTuning, command: str) -> list[Block]:
         f"Recorded inputs {'run straight between samples' if tuning.model.inputs == 'joined' else 'are held'}."
     )
     notes: list[Block] = [Bullets([plain(n) for n in tuning.notes])] if tuning.notes else []
-    return [Heading("How was it made?"), Prose(plain(text)), *notes, Listing(command, "sh")]
+    return [Prose(plain(text)), *notes, Listing(command, "sh")]

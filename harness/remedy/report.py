@@ -27,7 +27,6 @@ from harness.reporting.document import (
     Block,
     Bullets,
     Drawing,
-    Heading,
     Listing,
     Prose,
     Report,
@@ -115,7 +114,7 @@ def believed(study: Study) -> ModelSpec:
 
 def _answer(tried: Tried) -> list[Block]:
     first = tried.outcomes[0]
-    blocks: list[Block] = [Heading("Answer"), Prose(strong(answer(tried)))]
+    blocks: list[Block] = [Prose(strong(answer(tried)))]
     if first.boxes:
         caption = "How far all factors may drift together before a drive exceeds its limit, the remedy to take first"
         more = len(tried.outcomes) - _MOST_DRAWN
@@ -216,7 +215,7 @@ def _error(value: float) -> str:
 def _levels(tried: Tried) -> list[Block]:
     first = tried.outcomes[0]
     shown = [*tried.outcomes, *([tried.ideal] if tried.ideal else [])]
-    blocks: list[Block] = [Heading("How large are the errors at every level?")]
+    blocks: list[Block] = []
     for t, q in enumerate(first.targets):
         rows = [[o.remedy.phrase_with_sensors(tried.drivers), *(_error(v) for v in o.medians[t])] for o in shown]
         blocks.append(Sheet(["remedy", *first.levels], rows, f"Median RMSE of {q.words}{in_unit(q.unit)}."))
@@ -249,7 +248,7 @@ def _promise(tried: Tried) -> list[Block]:
         "drive the error being unknown. It is a bound: where it is small a filter need not reach it. Where it stays "
         "near the first deviation, no estimator can find the parameter on that drive."
     )
-    blocks: list[Block] = [Heading("What could be known at best?"), Prose(plain(text))]
+    blocks: list[Block] = [Prose(plain(text))]
     header = ["measured in addition", "parameter", "known to ±", *(words(d) for d in drives)]
     blocks.append(Sheet(header, rows, "Standard deviation at the end of each drive at best.", left=2))
     blocks += _smallest(tried, drives)
@@ -290,7 +289,6 @@ def _made(tried: Tried, command: str) -> list[Block]:
     )
     rows = [[o.remedy.words, o.remedy.slug] for o in (*tried.outcomes, *([tried.ideal] if tried.ideal else []))]
     return [
-        Heading("How was this made?"),
         Prose(plain(text)),
         Sheet(["remedy", "folder"], rows, "Where the runs are.", left=2),
         Listing(tried.best.study.text.rstrip("\n"), "toml"),

@@ -80,15 +80,17 @@ class Listing:
 
 @dataclass(frozen=True)
 class Section:
-    """Blocks that are made when the report is written; if that fails a sentence replaces them, and the rest is kept.
+    """Blocks under a heading, made when the report is written; if that fails a sentence replaces them.
 
     Attributes:
-        make: Returns the blocks, sections among them.
-        title: Heading of the sentence, as of the blocks.
+        make: Returns the blocks, sections among them; where there are none there is no heading.
+        title: The heading.
+        headed: Whether it stands above the blocks; above a sentence in their place it always does.
     """
 
     make: Callable[[], Iterable[Block]]
     title: str
+    headed: bool = True
 
 
 @dataclass(frozen=True)
@@ -159,9 +161,13 @@ def made(blocks: Iterable[Block], failures: Failures = RAISED) -> list[Block]:
 
 
 def _section(section: Section, failures: Failures) -> list[Block]:
+    def headed() -> list[Block]:
+        blocks = made(section.make(), failures)
+        return [Heading(section.title), *blocks] if blocks and section.headed else blocks
+
     return failures.attempt(
         f"the section “{section.title}”",
-        lambda: made(section.make(), failures),
+        headed,
         lambda why: [Heading(section.title), Prose(plain(f"This section could not be made: {why}."))],
     )
 

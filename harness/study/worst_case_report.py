@@ -14,7 +14,7 @@ from harness.common.arrays import Floats
 from harness.config import NOISE_GROUPS, DesignSpec, Study
 from harness.models.quantities import listed, words
 from harness.reporting import style
-from harness.reporting.document import Block, Bullets, Drawing, Heading, Prose, Report, Section, Sheet, plain, strong
+from harness.reporting.document import Block, Bullets, Drawing, Prose, Report, Section, Sheet, plain, strong
 from harness.reporting.style import in_unit, number, percent
 from harness.study.worst_case import LOST, TAIL, Candidate, WorstCase
 
@@ -69,7 +69,6 @@ def report(study: Study, design: DesignSpec, found: dict[str, WorstCase], comman
 
 
 def _answer(found: dict[str, WorstCase]) -> Iterator[Block]:
-    yield Heading("Answer")
     yield Bullets([strong(_sentence(name, one)) for name, one in found.items()])
     groups = [g.replace("_", " ") for g in NOISE_GROUPS]
     kinds = [(name, said, one) for name, one in found.items() for said in ("as it is", "found")]
@@ -112,7 +111,6 @@ def _rmse(value: float) -> str:
 
 
 def _front(found: dict[str, WorstCase]) -> Iterator[Block]:
-    yield Heading("Nominal error against the worst case")
     yield Drawing(
         partial(_draw, found),
         "Every candidate by its error at the nominal point and in the worst case, both over the nominal error as it "
@@ -176,7 +174,6 @@ def _panel(axes: Axes, name: str, one: WorstCase, look: style.Look) -> None:
 def _made(study: Study, design: DesignSpec, found: dict[str, WorstCase], command: str) -> Iterator[Block]:
     tried = max(len(one.tried) for one in found.values())
     box = listed([words(f.parameter) for f in design.factors])
-    yield Heading("How was this made?")
     yield Prose(
         plain(
             f"{command}. {tried} candidates for each estimator, each on {len(study.drives)} training drives: eight "

@@ -21,7 +21,7 @@ from harness.cli.options import answers_errors
 from harness.common.arguments import Parser
 from harness.common.files import read_text, renewed, toml_text, write_files
 from harness.models.quantities import listed
-from harness.reporting.document import Block, Drawing, Heading, Listing, Prose, Report, Section, Sheet, plain
+from harness.reporting.document import Block, Drawing, Listing, Prose, Report, Section, Sheet, plain
 from harness.reporting.style import number
 from reproductions.box import figures, studies
 from reproductions.box.evidence import IN_BOX, PUBLISHED, PointEvidence, told
@@ -136,7 +136,6 @@ def _held(nearest: Nearest) -> list[list[str]]:
 def blocks(nearest: Nearest) -> list[Block]:
     """Return the section of a report."""
     return [
-        Heading("The point nearest to the dissertation"),
         Prose(plain(f"{vehicle_in_words(plausibility(nearest.at))} {in_words(nearest)}")),
         Drawing(
             lambda: figures.medians(*nearest.points),
@@ -184,7 +183,7 @@ def main(arguments: Sequence[str]) -> None:
         point.number, point.at, max(chosen.jobs, 1), str(trained.resolve()) if trained.suffix else chosen.network
     )
     title = "What do the studies of chapter 5 say at the point nearest to them?"
-    made: list[Block] = [Section(lambda: blocks(nearest), title), Listing(command)]
+    made: list[Block] = [Section(lambda: blocks(nearest), "The point nearest to the dissertation"), Listing(command)]
     Report(title, made).write(chosen.out)
     write_files(chosen.out, as_toml(nearest.at, command))
     if page is not None:

@@ -14,7 +14,6 @@ from harness.reporting.document import (
     Block,
     Bullets,
     Drawing,
-    Heading,
     Listing,
     Prose,
     Report,
@@ -106,7 +105,6 @@ def _answer(result: BoxResult) -> list[Block]:
         ("Where do most findings hold?", richest_in_words(result)),
     ]
     return [
-        Heading("Answer"),
         Bullets([f"{strong(question)} {plain(text)}" for question, text in items]),
         Drawing(
             lambda: figures.shares(result.survivals),
@@ -172,14 +170,12 @@ def _findings(result: BoxResult) -> list[Block]:
         "index of a Gaussian process fitted to the same points, with what that explains of points left out."
     )
     return [
-        Heading("Where each finding holds, and on what it hinges"),
         Sheet(FINDING_HEADER, finding_rows(result), caption, left=7),
     ]
 
 
 def _richest(result: BoxResult) -> list[Block]:
     return [
-        Heading("Where most findings hold"),
         Prose(plain(richest_in_words(result))),
         Sheet(NUMBER_HEADER, number_rows(result.richest_evidence), "Numbers of chapter 5 and ours there.", left=2),
     ]
@@ -220,7 +216,6 @@ def markdown(result: BoxResult) -> str:
 
 def _steering(result: BoxResult) -> list[Block]:
     return [
-        Heading("Which steering noise?"),
         Prose(plain(steering_in_words(result))),
         Drawing(
             lambda: figures.steering(result.points, result.says),
@@ -256,7 +251,6 @@ def _box(result: BoxResult) -> list[Block]:
         for f in FACTORS
     ]  # fmt: skip
     return [
-        Heading("The box"),
         Sheet(["factor", "unit", "range", "what is published"], rows, "What the dissertation leaves open.", left=4),
         Listing(result.command),
     ]

@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from harness.common.arrays import Floats
 from harness.models.quantities import listed
 from harness.reporting import style
-from harness.reporting.document import Block, Bullets, Heading, Picture, Sheet, plain, strong
+from harness.reporting.document import Block, Bullets, Picture, Sheet, plain, strong
 from harness.reporting.style import number, with_unit
 from harness.study import sobol_indices
 from harness.study.report.analysis import Findings
@@ -89,7 +89,6 @@ def answer(results: Results, tested: list[Finding]) -> list[Block]:
         ("Which findings of the dissertation are reproduced?", _holds(tested)),
     ]
     return [
-        Heading("Answer"),
         Bullets([f"{strong(question)} {plain(text)}" for question, text in items]),
         _picture(joint),
         _table(joint),

@@ -40,7 +40,7 @@ def first_page(analysis: Analysis) -> list[Block]:
     name = _name(store)
     if not any(name in c.studies for c in CLAIMS) or any(d.count(PENDING) for d in store.designs[:1]):
         return []
-    return [Section(lambda: _table(_OfOne(store.directory, store), name), _TITLE)]
+    return [Section(lambda: _table(_OfOne(store.directory, store), name), _TITLE, headed=False)]
 
 
 def first_page_of_times(times: xr.Dataset, folder: Path) -> list[Block]:
@@ -52,7 +52,7 @@ def first_page_of_times(times: xr.Dataset, folder: Path) -> list[Block]:
         times: From ``harness.realtime.outcome.judge``.
         folder: Where its report goes.
     """
-    return [Section(lambda: _table(_OfOne(folder, times=times), REALTIME), _TITLE)]
+    return [Section(lambda: _table(_OfOne(folder, times=times), REALTIME), _TITLE, headed=False)]
 
 
 def _name(store: StudyResults) -> str:

@@ -80,7 +80,7 @@ def _recorded(tested: Sequence[Finding]) -> list[dict[str, Any]]:
 def _figures(campaign: Results) -> list[Block]:
     """Return the figures of the dissertation, drawn from our data; each caption says which one it is."""
     text = "Levels across, targets down, as there, with every estimator of a study. Each study has a report of its own."
-    blocks: list[Block] = [Heading("The dissertation's figures from our data"), Prose(plain(text))]
+    blocks: list[Block] = [Prose(plain(text))]
     for study, number_there in FIGURES.items():
         analysis = campaign.analyses[study]
         for picture in boxes.pictures(analysis, analysis.findings[0]):
@@ -120,7 +120,6 @@ def _findings(campaign: Results, tested: list[Finding], out: Path) -> list[Block
         "below."
     )
     blocks: list[Block] = [
-        Heading("What the dissertation found, tested on our data"),
         Prose(plain(opening)),
         Sheet(
             ["", "finding", "Ziaukas 2023", "verdict", "report", "in the box", "ours"],
@@ -185,6 +184,5 @@ def _made(campaign: Results) -> list[Block]:
         runs = sum(d.status.size for d in store.designs)
         rows.append([name, str(store.attributes.get("study_hash", "–"))[:12], str(store.seed), str(runs)])
     return [
-        Heading("How it was made"),
         Sheet(["study", "hash of its text", "seed", "runs"], rows, "Studies of the campaign."),
     ]

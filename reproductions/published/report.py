@@ -49,7 +49,6 @@ def report(chapters: Sequence[Chapter], origins: Sequence[Origin]) -> Report:
 
 def _chapter(chapter: Chapter) -> list[Block]:
     blocks: list[Block] = [
-        Heading(chapter.title),
         Prose(plain(f"{wording.sentence(chapter.rows)} {chapter.note}")),
     ]
     if len(compared(chapter.results)) > 2:

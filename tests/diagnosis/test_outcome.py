@@ -389,6 +389,6 @@ def test_without_probabilities_the_rest_is_written(outcome, tmp_path):
 
 @pytest.mark.parametrize(("verdict", "claims"), [("adequate", False), ("amended", True)])
 def test_what_would_explain_most_is_claimed_only_where_something_is_missing(outcome, verdict, claims):
-    said = repr(residual_sections.where(dataclasses.replace(outcome, verdict=verdict))[1])
+    said = repr(residual_sections.where(dataclasses.replace(outcome, verdict=verdict))[0])
     assert ("would explain most" in said) == claims
     assert ("#strong" in said) == claims

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from harness.reporting.document import Heading, Prose, Sheet
+from harness.reporting.document import Prose, Sheet
 from harness.study.report.sections import certainty
 
 
@@ -33,8 +33,7 @@ def blocks(*runs):
 
 
 def test_says_where_friction_shows():
-    heading, prose, sheet = blocks(run(lambda t: np.where(t < 20, 0.3, 0.02)))
-    assert isinstance(heading, Heading)
+    prose, sheet = blocks(run(lambda t: np.where(t < 20, 0.3, 0.02)))
     assert isinstance(prose, Prose)
     assert isinstance(sheet, Sheet)
     assert "friction coefficient shows in the measurements at 4 to 6 m/s²" in prose.markup
@@ -45,7 +44,7 @@ def test_says_where_friction_shows():
 
 
 def test_a_quantity_that_never_shows():
-    _, prose, _ = blocks(run(lambda t: np.full(len(t), 0.3)))
+    prose, _ = blocks(run(lambda t: np.full(len(t), 0.3)))
     assert "friction coefficient is known about equally well" in prose.markup
 
 

@@ -128,7 +128,7 @@ def test_sensitivity_over_time_changes_with_the_cause(analysis):
     assert along.total.shape == (3, WINDOWS, 3)
     np.testing.assert_allclose(along.total[0, :, 0], [1.0, 1.0, 0.0, 0.0], atol=0.06)
     np.testing.assert_allclose(along.total[1, :, 0], [0.0, 0.0, 1.0, 1.0], atol=0.06)
-    assert len(over_time.blocks(analysis)) == 2 + len(TARGETS)
+    assert len(over_time.blocks(analysis)) == 1 + len(TARGETS)
 
 
 def test_an_order_that_the_samples_do_not_tell_is_said_to_be_open(analysis):

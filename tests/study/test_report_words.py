@@ -230,7 +230,7 @@ def test_a_belief_in_another_model_is_told(one_design):
     analysis = one_design()
     assert "believe" not in answer._scope(analysis)
     analysis.store.attributes["description"]["belief"]["model"] = "car_3dof"
-    scope = next(b.markup for b in answer.blocks(analysis)[2:] if isinstance(b, Prose))
+    scope = next(b.markup for b in answer.blocks(analysis)[1:] if isinstance(b, Prose))
     assert "The plant is semitrailer+magic_formula, the estimators believe car_3dof: the models differ" in scope
 
 

@@ -21,7 +21,6 @@ from harness.reporting import style
 from harness.reporting.document import (
     Block,
     Drawing,
-    Heading,
     Listing,
     Prose,
     Report,
@@ -48,10 +47,10 @@ def report(outcome: Outcome, command: str, title: str = "", answer: str = "", ev
     blocks: list[Block] = [
         *summary.answered(outcome, answer),
         *_over_time(outcome)[:1],
-        Section(lambda: residual_sections.from_above(outcome), "Where on the vehicle?"),
+        Section(lambda: residual_sections.from_above(outcome), "Where on the vehicle?", headed=False),
         *summary.blocks(outcome),
-        Section(lambda: _errors(outcome), "How large is the simulation error?"),
-        Section(lambda: _estimators(outcome), "How large are the errors of the estimators?"),
+        Section(lambda: _errors(outcome), "How large is the simulation error?", headed=False),
+        Section(lambda: _estimators(outcome), "How large are the errors of the estimators?", headed=False),
         *evidence,
         Section(lambda: _found(outcome), "How large is it?"),
         Section(lambda: residual_sections.unmodelled(outcome), "Which disturbance is not in the library?"),
@@ -59,8 +58,8 @@ def report(outcome: Outcome, command: str, title: str = "", answer: str = "", ev
         Section(lambda: residual_sections.where(outcome), "Where is something missing?"),
         Section(lambda: _rounds(outcome), "What else was tried?"),
         Section(lambda: _residual(outcome), "Are the innovations white?"),
-        Section(lambda: residual_sections.innovations(outcome), "What do the innovations depend on?"),
-        *_other_drives(outcome),
+        Section(lambda: residual_sections.innovations(outcome), "What do the innovations depend on?", headed=False),
+        Section(lambda: _over_time(outcome)[1:], "Does the simulation follow the other drives?"),
         Section(lambda: _excitation(outcome), "Which effects could these drives have shown?"),
         Section(lambda: _made(outcome, command), "How was it made?"),
     ]
@@ -104,7 +103,7 @@ def _found(outcome: Outcome) -> list[Block]:
     trace = outcome.trace
     if not outcome.added:
         return []
-    blocks: list[Block] = [Heading("How large is it?")]
+    blocks: list[Block] = []
     rows = []
     for h in outcome.added:
         for v in outcome.values[h.name]:
@@ -135,7 +134,6 @@ def _breakable(equation: str) -> str:
 
 def _rounds(outcome: Outcome) -> list[Block]:
     blocks: list[Block] = [
-        Heading("What else was tried?"),
         Prose(
             plain(
                 "Every effect of the library at every place, and every parameter that was held fixed. The score test "
@@ -195,7 +193,6 @@ def _excitation(outcome: Outcome) -> list[Block]:
     sentence = f"Not excited by these drives: {', '.join(hidden)}." if hidden else "These drives excite every effect."
     caption = "Smallest size that these drives show with three standard errors, all fitted parameters free."
     return [
-        Heading("Which effects could these drives have shown?"),
         Prose(plain(sentence)),
         Sheet(["effect", "parameter", "unit", "detectable"], rows, caption, left=3),
     ]
@@ -204,7 +201,7 @@ def _excitation(outcome: Outcome) -> list[Block]:
 def _residual(outcome: Outcome) -> list[Block]:
     outputs = list(outcome.trace.fitting.augmented.model.outputs)
     if not outcome.judged:
-        return [Heading("Are the innovations white?"), Prose(plain("It could not be tested."))]
+        return [Prose(plain("It could not be tested."))]
     coloured = coloured_outputs(outcome.judged, outputs, WHITE)
     sentence = (
         f"Yes: no test rejects it at {style.number(WHITE)}."
@@ -212,7 +209,6 @@ def _residual(outcome: Outcome) -> list[Block]:
         else f"No: those of {', '.join(coloured)} are coloured."
     )
     return [
-        Heading("Are the innovations white?"),
         Prose(strong(sentence)),
         Drawing(
             lambda: fit_figures.periodograms(list(outcome.judged), outputs),
@@ -241,11 +237,6 @@ def _over_time(outcome: Outcome) -> list[Drawing]:
     ]
 
 
-def _other_drives(outcome: Outcome) -> list[Block]:
-    others = _over_time(outcome)[1:]
-    return [Heading("Does the simulation follow the other drives?"), *others] if others else []
-
-
 def _made(outcome: Outcome, command: str) -> list[Block]:
     trace = outcome.trace
     text = (
@@ -254,4 +245,4 @@ def _made(outcome: Outcome, command: str) -> list[Block]:
         f"refitted: {', '.join(words(n) for n in trace.free)}. In the place of each "
         f"addition up to {TRIED} more hypotheses were fitted that take over most of its gain."
     )
-    return [Heading("How was it made?"), Prose(plain(text)), Listing(command, "sh")]
+    return [Prose(plain(text)), Listing(command, "sh")]

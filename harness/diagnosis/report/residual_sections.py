@@ -22,7 +22,6 @@ from harness.reporting.document import (
     Block,
     Bullets,
     Drawing,
-    Heading,
     Prose,
     Section,
     Sheet,
@@ -34,12 +33,11 @@ from harness.reporting.document import (
 def where(outcome: Outcome) -> list[Block]:
     """Return where an unknown disturbance would explain most, and its smoothed course."""
     localisation = outcome.where
-    blocks: list[Block] = [Heading("Where is something missing?")]
     if localisation.nominal is None or localisation.final is None:
-        return [*blocks, Prose(plain("It could not be computed."))]
+        return [Prose(plain("It could not be computed."))]
     if not localisation.shown:
         sentence = "Nowhere: no slowly varying disturbance raises the likelihood of the drives."
-        return [*blocks, Prose(strong(sentence))]
+        return [Prose(strong(sentence))]
     first = localisation.shown[0]
     size = (
         f"with a standard deviation of {amount(first.deviation, first.disturbance_input)} and a time constant of "
@@ -58,7 +56,7 @@ def where(outcome: Outcome) -> list[Block]:
         "whatever the model does not explain, random errors included."
     )
     title = "Gain in log-likelihood by an unknown disturbance at each input, nominal model and final one."
-    blocks += [
+    return [
         Prose(sentence),
         Prose(plain(caveat)),
         Drawing(
@@ -66,9 +64,8 @@ def where(outcome: Outcome) -> list[Block]:
             title,
             title,
         ),
-        Section(lambda: _histories(localisation), "How would the disturbance look?"),
+        Section(lambda: _histories(localisation), "How would the disturbance look?", headed=False),
     ]
-    return blocks
 
 
 def from_above(outcome: Outcome) -> list[Block]:
@@ -107,7 +104,6 @@ def unmodelled(outcome: Outcome) -> list[Block]:
     if disturbance is None:
         return []
     blocks: list[Block] = [
-        Heading("Which disturbance is not in the library?"),
         Bullets([strong(_sentence(text)) for text in unmodelled_words(disturbance)]),
         Prose(plain(_study_gain(outcome, disturbance))),
     ]

@@ -8,7 +8,7 @@ import xarray as xr
 from harness.diagnosis.result.study_gain import StudyGain
 from harness.models.quantities import listed, words
 from harness.reporting import style
-from harness.reporting.document import Block, Heading, Prose, Sheet, plain, strong
+from harness.reporting.document import Block, Prose, Sheet, plain, strong
 from harness.study.report.analysis import Analysis
 from harness.study.report.sections import boxes
 from harness.study.results import Design, StudyResults
@@ -20,12 +20,10 @@ def blocks(study_gain: StudyGain | str | None) -> list[Block]:
     """Return the section: in a sentence, as box plots and as a table; nothing where no study was asked for."""
     if study_gain is None:
         return []
-    heading = Heading("What does the amendment gain in a study?")
     if isinstance(study_gain, str):
-        return [heading, Prose(plain(study_gain))]
+        return [Prose(plain(study_gain))]
     analysis = _analysis(study_gain)
     return [
-        heading,
         Prose(strong(answer(study_gain))),
         Prose(plain(_explain(study_gain))),
         *boxes.pictures(analysis, analysis.main),

@@ -42,7 +42,7 @@ def answered(outcome: Outcome, answer: str = "") -> list[Block]:
 
 def blocks(outcome: Outcome) -> list[Block]:
     """Return the table, the irregularities of the recordings, and how each round of the search ended."""
-    content: list[Block] = [Section(lambda: [_table(outcome)], "Summary")]
+    content: list[Block] = [Section(lambda: [_table(outcome)], "Summary", headed=False)]
     if outcome.failures.sentences:
         content += [
             Prose(plain("These parts of the result could not be made:")),
@@ -55,7 +55,7 @@ def blocks(outcome: Outcome) -> list[Block]:
             Prose(plain("These irregularities of the recordings may look like a missing effect:")),
             Bullets([plain(note) for note in outcome.notes]),
         ]
-    return [*content, Section(lambda: _search(outcome), "How did the search go?")]
+    return [*content, Section(lambda: _search(outcome), "How did the search go?", headed=False)]
 
 
 def _search(outcome: Outcome) -> list[Block]:

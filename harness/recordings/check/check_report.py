@@ -33,7 +33,6 @@ from harness.reporting import style
 from harness.reporting.document import (
     Block,
     Bullets,
-    Heading,
     Listing,
     Picture,
     Prose,
@@ -279,8 +278,8 @@ def _axle_sentence(axle: AxleCurve) -> str:
 def report(result: CheckResult) -> Report:
     """Return the report."""
     sections = [
-        Section(lambda: _finding_blocks(result), "What was found?"),
-        Section(lambda: _comparison_blocks(result), "Do the signals agree?"),
+        Section(lambda: _finding_blocks(result), "What was found?", headed=False),
+        Section(lambda: _comparison_blocks(result), "Do the signals agree?", headed=False),
         Section(lambda: _axle_blocks(result), "What do the axles do?"),
         Section(lambda: _content_blocks(result), "What the file holds"),
     ]
@@ -373,13 +372,13 @@ def _axle_blocks(result: CheckResult) -> list[Block]:
     if not result.axles:
         return []
     sentences = Bullets([plain(_axle_sentence(axle)) for axle in result.axles])
-    return [Heading("What do the axles do?"), sentences, axle_figure(result.axles)]
+    return [sentences, axle_figure(result.axles)]
 
 
 def _content_blocks(result: CheckResult) -> list[Block]:
     rows = content_rows(result.recording)
     sheet = Sheet(CONTENT, rows, _CONTENT_CAPTION, left=3)
-    return [Heading("What the file holds"), *signal_figures(result.recording), sheet]
+    return [*signal_figures(result.recording), sheet]
 
 
 _AGREEMENT_CAPTION = (

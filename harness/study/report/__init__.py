@@ -48,7 +48,10 @@ _SECTIONS = {
     "How does the error depend on the actual value?": scatter.blocks,
     "How was this made?": made.blocks,
 }
-"""The sections of a report behind the answer, in their order, each with the title that it has if it cannot be made."""
+"""The sections of a report behind the answer, in their order."""
+
+_OWN_HEADINGS = (boxes.blocks, inputs.blocks, history.blocks)
+"""Sections whose headings depend on the study."""
 
 
 def report(analysis: Analysis, opening: Sequence[Block] = ()) -> Report:
@@ -56,7 +59,10 @@ def report(analysis: Analysis, opening: Sequence[Block] = ()) -> Report:
     attributes = analysis.store.attributes
     question = str(attributes.get("title") or attributes.get("study_name") or analysis.store.directory.name)
     sections = [Section(partial(answer.blocks, analysis, opening), "Answer")]
-    sections += [Section(partial(blocks, analysis), title) for title, blocks in _SECTIONS.items()]
+    sections += [
+        Section(partial(blocks, analysis), title, headed=blocks not in _OWN_HEADINGS)
+        for title, blocks in _SECTIONS.items()
+    ]
     return Report(question, sections)
 
 

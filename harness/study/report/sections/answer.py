@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from harness.models.quantities import listed, words
-from harness.reporting.document import Block, Bullets, Heading, Prose, Sheet, plain, strong
+from harness.reporting.document import Block, Bullets, Prose, Sheet, plain, strong
 from harness.reporting.style import in_unit, number
 from harness.study.report.analysis import Analysis, Findings
 from harness.study.report.opening import at, sentences
@@ -43,7 +43,6 @@ def blocks(analysis: Analysis, opening: Sequence[Block] = ()) -> list[Block]:
         opening_sentences.append(Bullets([plain(text) for text in (*further, *counts)]))
     figures = boxes.pictures(analysis, findings, opening=True)
     return [
-        Heading("Answer"),
         *opening_sentences,
         *opening,
         *_of_the_box(analysis),

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from harness.models.quantities import Quantity, quantity
 from harness.reporting import style
-from harness.reporting.document import Block, Heading, Prose, Sheet, plain
+from harness.reporting.document import Block, Prose, Sheet, plain
 from harness.study.report.analysis import Analysis
 from harness.study.results import run_in_words
 
@@ -31,8 +31,7 @@ _SPARSE = 0.5  # s; shorter stays in a class say nothing
 
 def blocks(analysis: Analysis) -> list[Block]:
     """Return a table for each run drawn with a lateral acceleration and stated uncertainties; else nothing."""
-    found = [block for data in analysis.store.histories for block in _run(data)]
-    return [Heading("When is the drive informative?"), *found] if found else []
+    return [block for data in analysis.store.histories for block in _run(data)]
 
 
 def classes(data: xr.Dataset) -> tuple[NDArray[np.intp], str] | None:

@@ -8,7 +8,7 @@ from matplotlib.lines import Line2D
 
 from harness.models.quantities import words
 from harness.reporting import style
-from harness.reporting.document import Block, Heading, Picture, Prose, Sheet, plain
+from harness.reporting.document import Block, Picture, Prose, Sheet, plain
 from harness.study.report.analysis import Analysis, Findings
 from harness.study.report.sections.boxes import foot, label_levels
 
@@ -21,7 +21,6 @@ def blocks(analysis: Analysis) -> list[Block]:
     if not findings.with_covariance:
         return []
     return [
-        Heading("Are the stated covariances consistent?"),
         Prose(_explain(findings)),
         _picture(analysis, findings),
         *blocks_by_drive(findings),

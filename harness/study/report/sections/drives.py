@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from harness.models.quantities import words
 from harness.reporting import style
-from harness.reporting.document import Block, Heading, Picture, Prose, plain
+from harness.reporting.document import Block, Picture, Prose, plain
 from harness.study.report.analysis import Analysis, Findings
 from harness.study.report.sections.boxes import UPRIGHT
 
@@ -29,7 +29,6 @@ def blocks(analysis: Analysis) -> list[Block]:
     if len(design.drives) < 2:
         return []
     found: list[Block] = [
-        Heading("On which drives are the estimators wrong?"),
         Prose(
             plain(
                 "Drives differ in speed and steadiness, hence in what they ask of an estimator, and a box mixes them. "

@@ -40,7 +40,6 @@ def blocks(analysis: Analysis) -> list[Block]:
     """Return configuration, definitions and the study text."""
     store = analysis.store
     found: list[Block] = [
-        Heading("How was this made?"),
         Sheet(["item", "value"], _facts(store), "Configuration of the study and of the run.", left=2),
         *_models(store),
         *_noise(store),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from harness.models.quantities import listed
 from harness.reporting import style
-from harness.reporting.document import Block, Heading, Picture, Prose, plain
+from harness.reporting.document import Block, Picture, Prose, plain
 from harness.study.report.analysis import Analysis
 from harness.study.report.ranking import Ranking
 from harness.study.results import Design
@@ -41,7 +41,7 @@ def blocks(analysis: Analysis) -> list[Block]:
         "error. A diverged run has in the windows after its end the largest error that any run had there; there are no "
         "indices of windows in which the vehicle is out of control at some point."
     )
-    return [Heading("Which parameter causes the error, and when?"), Prose(plain(text)), *found]
+    return [Prose(plain(text)), *found]
 
 
 class AlongDrive:

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from harness.reporting import style
-from harness.reporting.document import Block, Heading, Picture, Prose, Sheet, plain
+from harness.reporting.document import Block, Picture, Prose, Sheet, plain
 from harness.study.report.analysis import Analysis, Findings, Paired
 from harness.study.report.sections.boxes import Panel, arranged, framed
 
@@ -19,7 +19,7 @@ def blocks(analysis: Analysis) -> list[Block]:
     """Return figure and table of the ratios of every design; nothing for a single estimator."""
     if not any(findings.pairs for findings in analysis.findings):
         return []
-    found: list[Block] = [Heading("Which estimator is better, run by run?")]
+    found: list[Block] = []
     for number, findings in enumerate(analysis.levelled):
         if number == 0:
             found.append(Prose(_explain(findings)))

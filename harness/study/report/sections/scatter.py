@@ -8,7 +8,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from harness.reporting import style
-from harness.reporting.document import Block, Heading, Picture, Prose, plain
+from harness.reporting.document import Block, Picture, Prose, plain
 from harness.study.report.analysis import Analysis, Findings
 from harness.study.report.sections.boxes import scale_errors
 from harness.study.results import Design, Factor
@@ -36,7 +36,7 @@ def blocks(analysis: Analysis) -> list[Block]:
         "Each run of a band has an exact value of its own. Over that value it shows whether the error grows steadily, "
         "from which value on, and how much of a box is the factor and how much the drive."
     )
-    return [Heading("How does the error depend on the actual value?"), Prose(plain(text)), *found]
+    return [Prose(plain(text)), *found]
 
 
 def _picture(analysis: Analysis, findings: Findings, number: int, targets: list[int]) -> Picture:

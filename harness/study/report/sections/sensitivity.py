@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from harness.common.statistics import Interval
 from harness.models.quantities import listed
 from harness.reporting import style
-from harness.reporting.document import Block, Bullets, Heading, Picture, Prose, Sheet, plain, strong
+from harness.reporting.document import Block, Bullets, Picture, Prose, Sheet, plain, strong
 from harness.study.report.analysis import Analysis
 from harness.study.report.ranking import FEWEST, Ranking
 from harness.study.report.sections.tolerance import uncontrolled
@@ -35,7 +35,7 @@ def blocks(analysis: Analysis) -> list[Block]:
     for findings in analysis.findings:
         if findings.design.sampling == "saltelli":
             found += _design(analysis, findings.ranking)
-    return [Heading("Which parameter drives the error?"), *found] if found else []
+    return found
 
 
 def _design(analysis: Analysis, ranking: Ranking) -> list[Block]:

@@ -8,7 +8,7 @@ from matplotlib.lines import Line2D
 
 from harness.models.quantities import Quantity
 from harness.reporting import style
-from harness.reporting.document import Block, Bullets, Heading, Picture, Prose, Sheet, plain, strong
+from harness.reporting.document import Block, Bullets, Picture, Prose, Sheet, plain, strong
 from harness.reporting.style import number, with_unit
 from harness.study.report.analysis import Analysis
 from harness.study.report.ranking import limits_of, tolerances
@@ -38,7 +38,7 @@ def blocks(analysis: Analysis) -> list[Block]:
                 limit = with_unit(limits[target.name] * target.scale, target.unit)
                 found += [_picture(analysis, design, t, limit, borne), _summary(design, t, limit, borne)]
                 found.append(_box(design, t, borne))
-    return [Heading("How far may the vehicle drift in all factors at once?"), *found] if found else []
+    return found
 
 
 def value_at(factor: Factor, share: float) -> float:

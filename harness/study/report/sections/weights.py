@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from harness.models.quantities import quantity
-from harness.reporting.document import Block, Heading, Prose, Sheet, plain
+from harness.reporting.document import Block, Prose, Sheet, plain
 from harness.study.report.analysis import Analysis
 from harness.study.results import run_in_words
 
@@ -40,7 +40,6 @@ def blocks(analysis: Analysis) -> list[Block]:
     header = ["run", "quantity", "estimator", *(f"K({n})" for n in range(1, _FIRST + 1)), "K at the end"]
     caption = "Gain of the measurement of a quantity on its own estimate, at the first samples and at the end."
     return [
-        Heading("How much weight does a measurement get?"),
         Prose(plain(text.strip())),
         Sheet(header, rows, caption, left=3),
     ]
