@@ -94,7 +94,7 @@ def _changed(
     assert study.raw.changed is not None
     task = _task(study, spec, drives, "changed.", jobs)
     changes = run_changes(task, console)
-    if (change := changes.found) is not None:
+    if (change := changes.change) is not None:
         values = {**spec.values, change.parameter.name: change.value}
         task = replace(task, spec=replace(spec, values=values), free=(change.parameter.name,))
     outcome = run_trace(task, folder, console)
@@ -226,7 +226,7 @@ def answer_of_changes(changes: Changes, outcome: Outcome, before: ModelSpec) -> 
         outcome: What was traced from the model with the likeliest of them.
         before: The model as it was before the change.
     """
-    change, added = changes.found, outcome.trace.added
+    change, added = changes.change, outcome.trace.added
     if change is None and not added:
         return outcome.answer
     sentences = []
@@ -283,7 +283,7 @@ def _row(c: ParameterChange) -> list[str]:
 def record_of_changes(changes: Changes) -> dict[str, Any]:
     """Return the content of ``changed.json`` in SI units."""
     return {
-        "found": changes.found.parameter.name if changes.found else None,
+        "found": changes.change.parameter.name if changes.change else None,
         "held_out_excess_before": changes.before.normalised_excess_mse,
         "tried": [
             {

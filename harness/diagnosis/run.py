@@ -58,7 +58,7 @@ class Stages:
         self._rounds: list[float] = []  # how long each took, but for the one that is running
         self._round, self._since, self._ended = 0, 0.0, math.inf
 
-    def said(self, what: str) -> str:
+    def line(self, what: str) -> str:
         """Return a stage in a line: what, since when, and about how long it takes yet where that can be said."""
         now = self._clock()
         match = _ROUND.match(what)
@@ -68,9 +68,9 @@ class Stages:
             self._round, self._since, self._ended = int(match[1]), now, math.inf
         elif not match and self._round:
             self._ended = min(self._ended, now)
-        return f"{_minutes(now - self._begun)}  {what}{self._left(now)}"
+        return f"{_minutes(now - self._begun)}  {what}{self._remaining(now)}"
 
-    def _left(self, now: float) -> str:
+    def _remaining(self, now: float) -> str:
         """Return how long is left, once a whole round is known."""
         if not self._rounds:
             return ""
@@ -93,14 +93,14 @@ def progress(console: Console) -> Iterator[Callable[[str], None]]:
     if not console.is_terminal:
 
         def line(what: str) -> None:
-            console.print(Text(stages.said(what)), soft_wrap=True)
+            console.print(Text(stages.line(what)), soft_wrap=True)
 
         line("compiling the library of effects")
         yield line
         return
     with bar(console, TimeElapsedColumn(), widest=54) as progress_bar:
         task = progress_bar.add_task("compiling the library of effects", total=None)
-        yield lambda what: progress_bar.update(task, description=stages.said(what))
+        yield lambda what: progress_bar.update(task, description=stages.line(what))
 
 
 CALM = 0.3

@@ -60,11 +60,11 @@ def promises(
         except UserError as error:
             impossible[remedy.words] = str(error)
             continue
-        promised[equipment] = Promise(_left(changed, drivers), _smallest(changed))
+        promised[equipment] = Promise(_remaining(changed, drivers), _smallest(changed))
     return promised, impossible
 
 
-def _left(study: Study, drivers: Sequence[str]) -> Floats:
+def _remaining(study: Study, drivers: Sequence[str]) -> Floats:
     first = {s.name: s.prior for s in study.belief.parameter_states}
     rows = []
     for drive in study.drives:

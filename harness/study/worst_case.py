@@ -51,7 +51,7 @@ FRONT = (0.0, 0.5, 1.0)
 
 
 @dataclasses.dataclass(frozen=True)
-class Candidate:
+class NoiseCandidate:
     """Noise that was tried.
 
     Attributes:
@@ -82,15 +82,15 @@ class WorstCase:
     """
 
     targets: list[Quantity]
-    before: Candidate
-    after: Candidate
-    tried: list[Candidate]
+    before: NoiseCandidate
+    after: NoiseCandidate
+    tried: list[NoiseCandidate]
     checked: tuple[float, float]
 
     @property
-    def front(self) -> list[Candidate]:
+    def front(self) -> list[NoiseCandidate]:
         """The candidates of which none other is better in both, by their nominal error."""
-        found: list[Candidate] = []
+        found: list[NoiseCandidate] = []
         for one in sorted(self.tried, key=lambda c: (c.nominal, c.worst)):
             if not found or one.worst < found[-1].worst:
                 found.append(one)
@@ -203,7 +203,7 @@ class _Search:
         unknown = bool(study.belief.unknown_inputs)
         self.groups = [g for g in NOISE_GROUPS if g != "unknown_inputs" or unknown]
         self.targets = [i for i, t in enumerate(study.targets) if t not in study.belief.estimated_parameters]
-        self.tried: list[Candidate] = []
+        self.tried: list[NoiseCandidate] = []
         at_first = self._errors(training.nominal, {})
         if not np.isfinite(at_first).any(axis=1).all():
             name = study.estimators[index].name
@@ -234,10 +234,10 @@ class _Search:
 
         return loss
 
-    def candidate(self, factors: dict[str, float]) -> Candidate:
+    def candidate(self, factors: dict[str, float]) -> NoiseCandidate:
         """Return what the estimator does with some noise."""
         nominal, box = (self._errors(runs, factors) for runs in (self.training.nominal, self.training.box))
-        return Candidate(
+        return NoiseCandidate(
             factors,
             float(np.mean(self._relative(nominal))),
             self._worst(box),
@@ -264,7 +264,7 @@ class _Search:
         return np.concatenate(parts, axis=1)
 
 
-def _traded(candidate: Candidate, weight: float) -> float:
+def _traded(candidate: NoiseCandidate, weight: float) -> float:
     return float((1 - weight) * np.log(candidate.nominal) + weight * np.log(candidate.worst))
 
 

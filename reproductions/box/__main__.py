@@ -23,7 +23,7 @@ from harness.common.errors import UserError
 from harness.common.files import json_text, read_text, renewed, write_files
 from reproductions.box import nearest, report, search
 from reproductions.box.analysis import exclusions, most_findings, survivals
-from reproductions.box.evidence import told
+from reproductions.box.evidence import evidence_of
 from reproductions.box.points import Folder, sequence
 from reproductions.campaign import box
 
@@ -58,28 +58,28 @@ def main(arguments: Sequence[str]) -> None:
             renewed(page, "", *marks)  # fails now rather than in an hour
     begin = time.perf_counter()
 
-    def tell(line: str) -> None:
+    def report_progress(line: str) -> None:
         print(f"{line}, {(time.perf_counter() - begin) / 60:.1f} min", file=sys.stderr, flush=True)
 
     folder = Folder(chosen.out / "points")
-    points = list(folder.points(sequence(chosen.points), 0, chosen.jobs, tell))
-    says = joblib.Parallel(chosen.jobs)(joblib.delayed(told)(point) for point in points)
-    more, more_says = search.refine(folder, points, says, chosen.generations, chosen.jobs, tell)
-    everyone, every_says = [*points, *more], [*says, *more_says]
-    best = int(np.argmin([search.score(p, s) for p, s in zip(everyone, every_says, strict=True)]))
+    points = list(folder.points(sequence(chosen.points), 0, chosen.jobs, report_progress))
+    evidence = joblib.Parallel(chosen.jobs)(joblib.delayed(evidence_of)(point) for point in points)
+    more, more_evidence = search.refine(folder, points, evidence, chosen.generations, chosen.jobs, report_progress)
+    everyone, all_evidence = [*points, *more], [*evidence, *more_evidence]
+    best = int(np.argmin([search.score(p, s) for p, s in zip(everyone, all_evidence, strict=True)]))
     chosen_point = everyone[best]
-    richest = most_findings(everyone, every_says)
+    richest = most_findings(everyone, all_evidence)
     result = report.BoxResult(
         points,
-        says,
-        survivals(points, says, chosen.jobs),
+        evidence,
+        survivals(points, evidence, chosen.jobs),
         len(more),
         chosen_point,
-        every_says[best],
+        all_evidence[best],
         everyone[richest],
-        every_says[richest],
-        exclusions(says),
-        nearest.tell(chosen_point.number, chosen_point.at, chosen.jobs),
+        all_evidence[richest],
+        exclusions(evidence),
+        nearest.at_printed_point(chosen_point.number, chosen_point.at, chosen.jobs),
         f"python -m reproductions.box {shlex.join(arguments)}",
     )
     report.report(result).write(chosen.out)

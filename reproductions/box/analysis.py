@@ -96,17 +96,19 @@ class Survival:
         return "nearly nowhere" if self.share.upper <= NOWHERE else "in part"
 
 
-def survivals(points: Sequence[Point], says: Sequence[PointEvidence], jobs: int = 1) -> list[Survival]:
+def survivals(points: Sequence[Point], evidence: Sequence[PointEvidence], jobs: int = 1) -> list[Survival]:
     """Return where each finding of ``IN_BOX`` holds, from the points of the sequence.
 
     The shares have exact binomial intervals, which are wide for a Sobol sequence.
     """
     places = np.array([p.place for p in points])
-    every, filters = (np.array([s.holds(network) for s in says]) for network in (True, False))
-    margins = [np.array([margin(_of_filters(s.findings[k])) for s in says]) for k in range(len(IN_BOX))]
+    every, filters = (np.array([s.holds(network) for s in evidence]) for network in (True, False))
+    margins = [np.array([margin(_of_filters(s.findings[k])) for s in evidence]) for k in range(len(IN_BOX))]
     hinges = joblib.Parallel(jobs)(joblib.delayed(_hinge)(places, own) for own in margins)
     return [
-        Survival(share(int(every[:, k].sum()), len(says)), share(int(filters[:, k].sum()), len(says)), hinges[k])
+        Survival(
+            share(int(every[:, k].sum()), len(evidence)), share(int(filters[:, k].sum()), len(evidence)), hinges[k]
+        )
         for k in range(len(IN_BOX))
     ]
 
@@ -115,15 +117,15 @@ RARE = 0.1
 """Share of the points below which a finding is too rare to be said to exclude another."""
 
 
-def exclusions(says: Sequence[PointEvidence]) -> list[tuple[int, int, float]]:
+def exclusions(evidence: Sequence[PointEvidence]) -> list[tuple[int, int, float]]:
     """Return the pairs of findings that hold together least, against what their shares alone would give.
 
     Returns:
         Numbers of two findings (from 0) and the ratio of the points at which both hold to what independence would give,
         for ratios below a half, smallest first; findings that hold at fewer than ``RARE`` of the points left out.
     """
-    holds = np.array([s.holds() for s in says], dtype=float)
-    shares, both = holds.mean(axis=0), holds.T @ holds / len(says)
+    holds = np.array([s.holds() for s in evidence], dtype=float)
+    shares, both = holds.mean(axis=0), holds.T @ holds / len(evidence)
     pairs = [
         (a, b, float(both[a, b] / (shares[a] * shares[b])))
         for a in range(len(shares))
@@ -133,7 +135,7 @@ def exclusions(says: Sequence[PointEvidence]) -> list[tuple[int, int, float]]:
     return sorted((pair for pair in pairs if pair[2] < 0.5), key=lambda pair: pair[2])
 
 
-def most_findings(points: Sequence[Point], says: Sequence[PointEvidence]) -> int:
+def most_findings(points: Sequence[Point], evidence: Sequence[PointEvidence]) -> int:
     """Return which point has most findings.
 
     Of those whose vehicle is plausible and whose medians of the ideal case (Bild 5.6) are within a factor of two, or of
@@ -142,10 +144,10 @@ def most_findings(points: Sequence[Point], says: Sequence[PointEvidence]) -> int
     medians = [k for k, p in enumerate(PUBLISHED) if p.place == BILD_56]
 
     def rank(k: int) -> tuple[bool, int, float]:
-        near = bool((says[k].distances()[medians] <= 1.0).all()) and plausibility(points[k].at).plausible
-        return (near, sum(says[k].holds()), -says[k].off())
+        near = bool((evidence[k].distances()[medians] <= 1.0).all()) and plausibility(points[k].at).plausible
+        return (near, sum(evidence[k].holds()), -evidence[k].off())
 
-    return max(range(len(says)), key=rank)
+    return max(range(len(evidence)), key=rank)
 
 
 def _of_filters(evidence: Sequence[Evidence]) -> list[Evidence]:

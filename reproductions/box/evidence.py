@@ -154,7 +154,7 @@ def distance(theirs: float, ours: float) -> float:
 
 @dataclass(frozen=True)
 class PointEvidence:
-    """What a point says.
+    """Evidence of a point on findings and numbers.
 
     Attributes:
         findings: Evidence by claim, in the order of ``IN_BOX``.
@@ -199,8 +199,8 @@ def of_network(evidence: Evidence) -> bool:
     return evidence.what.startswith((NETWORK, "network"))
 
 
-def told(point: Point) -> PointEvidence:
-    """Return what a point says of every finding and number."""
+def evidence_of(point: Point) -> PointEvidence:
+    """Return the evidence of a point on every finding and number."""
     results = PointResults(point)
     findings = tuple(tuple(claim.test(results)) for claim in IN_BOX)
     return PointEvidence(findings, tuple(p.ours(results) for p in PUBLISHED))

@@ -92,12 +92,12 @@ def medians(nearest: Point, trained: Point) -> bytes:
         return style.svg(fig)
 
 
-def steering(points: Sequence[Point], says: Sequence[PointEvidence]) -> bytes:
+def steering(points: Sequence[Point], evidence: Sequence[PointEvidence]) -> bytes:
     """Draw the delay of the input estimate and the distance of the numbers over the variance of the steering wheel."""
     names = [f.name for f in FACTORS]
     column = names.index("steering_variance")
     variance = np.array([FACTORS[column].value(p.place[column]) for p in points])
-    delay, off = np.array([p.delay for p in points]), np.array([s.off() for s in says])
+    delay, off = np.array([p.delay for p in points]), np.array([s.off() for s in evidence])
     with style.drawing():
         fig = style.figure(5.0)
         above, below = fig.subplots(2, 1, sharex=True)

@@ -1,4 +1,4 @@
-"""The point nearest to the dissertation, told with its factors as printed and with a network that was trained there.
+"""The point nearest to the dissertation, run with its factors as printed and with a network that was trained there.
 
 ``python -m reproductions.box.nearest --out results/reproduce-nearest --page docs/tables/unpublished.md`` runs the
 studies of chapter 5 at the point of ``reproductions/campaign/box.json`` twice, with the network that comes with the
@@ -24,7 +24,7 @@ from harness.models.quantities import listed
 from harness.reporting.document import Block, Drawing, Listing, Prose, Report, Section, Sheet, plain
 from harness.reporting.style import number
 from reproductions.box import figures, studies
-from reproductions.box.evidence import IN_BOX, PUBLISHED, PointEvidence, told
+from reproductions.box.evidence import IN_BOX, PUBLISHED, PointEvidence, evidence_of
 from reproductions.box.factors import as_printed
 from reproductions.box.plausibility import AXLES, Plausibility, plausibility
 from reproductions.box.points import Point, evaluate
@@ -46,15 +46,15 @@ class Nearest:
     Attributes:
         at: Values by factor, as printed.
         points: With the network of the project and with the one trained there.
-        says: What they say.
+        evidence: Of these points.
     """
 
     at: dict[str, float]
     points: tuple[Point, Point]
-    says: tuple[PointEvidence, PointEvidence]
+    evidence: tuple[PointEvidence, PointEvidence]
 
 
-def tell(number: int, at: Mapping[str, float], jobs: int, trained: str = TRAINED) -> Nearest:
+def at_printed_point(number: int, at: Mapping[str, float], jobs: int, trained: str = TRAINED) -> Nearest:
     """Run the studies at a point of the box, its factors as printed.
 
     Args:
@@ -65,7 +65,7 @@ def tell(number: int, at: Mapping[str, float], jobs: int, trained: str = TRAINED
     """
     values = as_printed(at)
     first, second = (evaluate(number, values, jobs, network) for network in (studies.NETWORK, trained))
-    return Nearest(values, (first, second), (told(first), told(second)))
+    return Nearest(values, (first, second), (evidence_of(first), evidence_of(second)))
 
 
 def as_toml(at: Mapping[str, float], command: str) -> dict[str, str]:
@@ -91,13 +91,13 @@ def as_toml(at: Mapping[str, float], command: str) -> dict[str, str]:
 def in_words(nearest: Nearest) -> str:
     """Say how many findings hold and how far the numbers are off, with either network."""
     parts = []
-    for name, says in zip(NETWORKS, nearest.says, strict=True):
-        failing = [str(k) for k, held in enumerate(says.holds(), 1) if not held]
+    for name, evidence in zip(NETWORKS, nearest.evidence, strict=True):
+        failing = [str(k) for k, held in enumerate(evidence.holds(), 1) if not held]
         parts.append(
             f"With the {name} {len(IN_BOX) - len(failing)} of {len(IN_BOX)} findings hold"
-            f"{' (not ' + listed(failing) + ')' if failing else ''}, {sum(says.distances() <= 1.0)} of "
+            f"{' (not ' + listed(failing) + ')' if failing else ''}, {sum(evidence.distances() <= 1.0)} of "
             f"{len(PUBLISHED)} numbers are within a factor of two, the root mean square distance is a factor of "
-            f"{number(2 ** says.off(), 3)}."
+            f"{number(2 ** evidence.off(), 3)}."
         )
     return " ".join(parts)
 
@@ -115,7 +115,7 @@ def vehicle_in_words(p: Plausibility) -> str:
 def _numbers(nearest: Nearest) -> list[list[str]]:
     """Return the rows of numbers, the network's once for each network."""
     rows = []
-    for published, first, second in zip(PUBLISHED, *map(number_rows, nearest.says), strict=True):
+    for published, first, second in zip(PUBLISHED, *map(number_rows, nearest.evidence), strict=True):
         rows.append(first)
         if published.network:
             rows.append([second[0].replace("network", NETWORKS[1]), *second[1:]])
@@ -126,7 +126,7 @@ HELD_HEADER = ("", "finding", *(f"holds with the {name}" for name in NETWORKS))
 
 
 def _held(nearest: Nearest) -> list[list[str]]:
-    holds = zip(*(says.holds() for says in nearest.says), strict=True)
+    holds = zip(*(evidence.holds() for evidence in nearest.evidence), strict=True)
     words = {True: "yes", False: "no"}
     return [
         [str(k), c.text, words[a], words[b]] for k, (c, (a, b)) in enumerate(zip(IN_BOX, holds, strict=True), start=1)
@@ -179,7 +179,7 @@ def main(arguments: Sequence[str]) -> None:
     command = f"python -m reproductions.box.nearest {shlex.join(arguments)}"
     point = box.committed().nearest
     trained = Path(chosen.network)
-    nearest = tell(
+    nearest = at_printed_point(
         point.number, point.at, max(chosen.jobs, 1), str(trained.resolve()) if trained.suffix else chosen.network
     )
     title = "What do the studies of chapter 5 say at the point nearest to them?"

@@ -41,13 +41,13 @@ class BoxResult:
 
     Attributes:
         points: Of the sequence.
-        says: What they say.
+        evidence: Of the points, in their order.
         survivals: By finding.
         searched: How many points the search added.
         nearest: The point nearest to the dissertation.
-        nearest_evidence: What it says.
+        nearest_evidence: Of that point.
         richest: The point with most findings, see ``analysis.most_findings``.
-        richest_evidence: What it says.
+        richest_evidence: Of that point.
         exclusions: See ``analysis.exclusions``.
         nearest_as_printed: The nearest point with its factors as printed, with the project's network and one
             trained there.
@@ -55,7 +55,7 @@ class BoxResult:
     """
 
     points: Sequence[Point]
-    says: Sequence[PointEvidence]
+    evidence: Sequence[PointEvidence]
     survivals: Sequence[Survival]
     searched: int
     nearest: Point
@@ -218,7 +218,7 @@ def _steering(result: BoxResult) -> list[Block]:
     return [
         Prose(plain(steering_in_words(result))),
         Drawing(
-            lambda: figures.steering(result.points, result.says),
+            lambda: figures.steering(result.points, result.evidence),
             "Each point of the sequence: lag of the EKF's steering-wheel angle on two ramps (largest correlation), and "
             "root mean square distance of the published numbers in powers of two.",
             "delay of the input estimate and distance over the variance of the steering wheel",
@@ -229,8 +229,8 @@ def _steering(result: BoxResult) -> list[Block]:
 def steering_in_words(result: BoxResult) -> str:
     """Say what the box tells of the last variance of (5.3)."""
     delay = np.array([p.delay for p in result.points])
-    near = np.argsort([score(p, s) for p, s in zip(result.points, result.says, strict=True)])[
-        : max(len(result.says) // 10, 1)
+    near = np.argsort([score(p, s) for p, s in zip(result.points, result.evidence, strict=True)])[
+        : max(len(result.evidence) // 10, 1)
     ]
     column = [f.name for f in FACTORS].index("steering_variance")
     nearest = np.array([FACTORS[column].value(result.points[k].place[column]) for k in near])
@@ -274,7 +274,7 @@ def as_json(result: BoxResult, state: str) -> dict[str, Any]:
         {"number": p.words, "place": p.place, "theirs": p.theirs, "ours": list(n)}
         for p, n in zip(PUBLISHED, result.nearest_evidence.numbers, strict=True)
     ]
-    first, trained = result.nearest_as_printed.says
+    first, trained = result.nearest_as_printed.evidence
     return {
         "made": datetime.now(UTC).date().isoformat(),
         "commit": commit(),
@@ -288,8 +288,8 @@ def as_json(result: BoxResult, state: str) -> dict[str, Any]:
             "distance": result.nearest_evidence.off(),
             "numbers": numbers,
             "printed": {
-                name: {"holds": says.holds(), "distance": says.off(), "numbers": [list(n) for n in says.numbers]}
-                for name, says in (("network", first), ("trained", trained))
+                name: {"holds": e.holds(), "distance": e.off(), "numbers": [list(n) for n in e.numbers]}
+                for name, e in (("network", first), ("trained", trained))
             },
         },
         "most_findings": {

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from harness.common.arrays import Floats
-from reproductions.box.evidence import IN_BOX, PointEvidence, told
+from reproductions.box.evidence import IN_BOX, PointEvidence, evidence_of
 from reproductions.box.factors import FACTORS
 from reproductions.box.plausibility import plausibility
 from reproductions.box.points import SEED, Folder, Point
@@ -22,13 +22,13 @@ WEIGHT = 0.6
 CROSSOVER = 0.7
 
 
-def score(point: Point, says: PointEvidence) -> float:
+def score(point: Point, evidence: PointEvidence) -> float:
     """Return what the search makes small.
 
     The distance of the numbers, the share of findings that do not hold, and 1 where the vehicle is not plausible.
     """
     implausible = not plausibility(point.at).plausible
-    return says.off() + 1.0 - sum(says.holds()) / len(IN_BOX) + float(implausible)
+    return evidence.off() + 1.0 - sum(evidence.holds()) / len(IN_BOX) + float(implausible)
 
 
 def candidates(places: Floats, scores: Floats, generation: int) -> Floats:
@@ -59,18 +59,18 @@ def candidates(places: Floats, scores: Floats, generation: int) -> Floats:
 def refine(
     folder: Folder,
     points: Sequence[Point],
-    says: Sequence[PointEvidence],
+    evidence: Sequence[PointEvidence],
     generations: int,
     jobs: int,
     tell: Callable[[str], None],
 ) -> tuple[list[Point], list[PointEvidence]]:
     """Return the points of some generations after a sequence, with what they say; those kept are not computed again."""
-    everyone, all_says = list(points), list(says)
+    everyone, all_evidence = list(points), list(evidence)
     for generation in range(generations):
         places = np.array([p.place for p in everyone])
-        scores = np.array([score(p, s) for p, s in zip(everyone, all_says, strict=True)])
+        scores = np.array([score(p, s) for p, s in zip(everyone, all_evidence, strict=True)])
         tell(f"generation {generation + 1} of {generations}, best so far {scores.min():.2f}")
         for point in folder.points(candidates(places, scores, generation), len(everyone), jobs, tell):
             everyone.append(point)
-            all_says.append(told(point))
-    return everyone[len(points) :], all_says[len(points) :]
+            all_evidence.append(evidence_of(point))
+    return everyone[len(points) :], all_evidence[len(points) :]

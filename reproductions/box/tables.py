@@ -12,10 +12,10 @@ NUMBER_HEADER = ("number", "place", "theirs", "ours", "95 % interval", "factor")
 FACTOR_HEADER = ("factor", "value", "unit", "from", "to")
 
 
-def number_rows(says: PointEvidence) -> list[list[str]]:
+def number_rows(evidence: PointEvidence) -> list[list[str]]:
     """Return the rows of the table of numbers at a point."""
     rows = []
-    for published, ours, off in zip(PUBLISHED, says.numbers, says.distances(), strict=True):
+    for published, ours, off in zip(PUBLISHED, evidence.numbers, evidence.distances(), strict=True):
         interval = "–" if ours.lower == ours.upper else f"{number(ours.lower)} to {number(ours.upper)}"
         rows.append([published.words, published.place, number(published.theirs), number(ours.value), interval,
                      number(2**off, 2)])  # fmt: skip

@@ -102,11 +102,11 @@ def test_the_second_round_says_how_long_it_may_take():
     now = [0.0]
     stages = Stages(lambda: now[0])
     now[0] = 10.0
-    assert stages.said("round 1: score test") == "0:10  round 1: score test"
+    assert stages.line("round 1: score test") == "0:10  round 1: score test"
     now[0] = 70.0
-    assert stages.said("round 2: score test") == "1:10  round 2: score test; about 3:00 left if it is the last round"
+    assert stages.line("round 2: score test") == "1:10  round 2: score test; about 3:00 left if it is the last round"
     now[0] = 100.0
-    assert stages.said("round 2: fitting").endswith("about 2:30 left if it is the last round")
+    assert stages.line("round 2: fitting").endswith("about 2:30 left if it is the last round")
 
 
 def test_what_follows_the_rounds_takes_about_as_long_as_they_did():
@@ -115,9 +115,9 @@ def test_what_follows_the_rounds_takes_about_as_long_as_they_did():
     said = []
     for at, what in ((10, "round 1: score test"), (70, "round 2: score test"), (90, "still needed?"), (150, "likely?")):
         now[0] = at
-        said.append(stages.said(what))
+        said.append(stages.line(what))
     assert said[2:] == ["1:30  still needed?; about 1:20 left", "2:30  likely?; about 0:20 left"]
     now[0] = 175.0
-    assert stages.said("looking for where something is missing") == "2:55  looking for where something is missing"
+    assert stages.line("looking for where something is missing") == "2:55  looking for where something is missing"
     now[0] = 180.0
-    assert stages.said("round 3: score test").endswith("about 2:00 left if it is the last round")
+    assert stages.line("round 3: score test").endswith("about 2:00 left if it is the last round")

@@ -23,16 +23,16 @@ def geared(augmented):
 
 
 def test_a_large_change_is_found_with_its_value(geared):
-    assert geared.found is not None
-    assert geared.found.parameter.name == "steering_ratio"
-    assert geared.found.stated == 1.0
-    assert geared.found.value == pytest.approx(3.0, abs=max(4 * geared.found.std, 0.003))
-    assert geared.found.held_out.normalised_excess_mse < 0.05 < 10 < geared.before.normalised_excess_mse
+    assert geared.change is not None
+    assert geared.change.parameter.name == "steering_ratio"
+    assert geared.change.stated == 1.0
+    assert geared.change.value == pytest.approx(3.0, abs=max(4 * geared.change.std, 0.003))
+    assert geared.change.held_out.normalised_excess_mse < 0.05 < 10 < geared.before.normalised_excess_mse
 
 
 def test_where_nothing_changed_nothing_is_found(augmented):
     changes = changes_of(augmented)
-    assert changes.found is None
+    assert changes.change is None
     assert all(c.bic < 10 for c in changes.tried)
 
 
@@ -41,7 +41,7 @@ def test_a_change_that_does_not_carry_over_is_none(geared):
         geared.tried[0].held_out, normalised_excess_mses=0.9 * geared.before.normalised_excess_mses
     )
     first = dataclasses.replace(geared.tried[0], held_out=worse)
-    assert dataclasses.replace(geared, tried=(first, *geared.tried[1:])).found is None
+    assert dataclasses.replace(geared, tried=(first, *geared.tried[1:])).change is None
 
 
 def test_numbers_of_the_integration_are_not_tried(geared):

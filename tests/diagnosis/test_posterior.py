@@ -168,15 +168,15 @@ def test_what_was_found_beside_a_model_has_its_odds_there():
         for fit, prior, d, s in zip(fits, priors, differences, share, strict=False)
     )
     found = p.Posterior(models, 0.1, density)
-    said = found.beside(fits[1], 3.0)
+    said = found.with_unlisted(fits[1], 3.0)
     odds = 0.9 * share[1] * PRIORS.odds["none"] * math.exp(3.0)
     assert said.none == pytest.approx((0.1 + odds) / (1.0 + odds))
     assert [m.probability for m in said.models] == pytest.approx([0.9 * s / (1.0 + odds) for s in share])
     assert [m.share for m in said.models] == [m.share for m in models]
-    assert found.beside(fits[1], 1e5).none == 1.0
-    assert found.beside(fits[2], 3.0) == found  # none of these
+    assert found.with_unlisted(fits[1], 1e5).none == 1.0
+    assert found.with_unlisted(fits[2], 3.0) == found  # none of these
     none = dataclasses.replace(found, models=tuple(dataclasses.replace(m, probability=0.0) for m in models), none=1.0)
-    assert none.beside(fits[1], 3.0) == none
+    assert none.with_unlisted(fits[1], 3.0) == none
 
 
 def test_ordinates_of_white_noise_are_exponential_across_gaps_and_have_its_power():

@@ -9,7 +9,7 @@ from harness.common.errors import UserError
 from harness.common.statistics import Interval
 from harness.models.roles import PARAMETERS
 from reproductions.box import analysis, search, studies
-from reproductions.box.evidence import IN_BOX, PUBLISHED, PointResults, distance, told
+from reproductions.box.evidence import IN_BOX, PUBLISHED, PointResults, distance, evidence_of
 from reproductions.box.factors import FACTORS, as_printed, onto_choices, place_of, settings
 from reproductions.box.plausibility import plausibility
 from reproductions.box.points import SCORES, Folder, Point, lag, ripple, sequence
@@ -110,7 +110,7 @@ def test_the_level_as_believed_is_the_ideal_case_and_a_large_error_is_a_lost_run
 
 
 def test_findings_follow_the_errors():
-    says = told(point(factors={("mass", "8 t"): 3.0, ("mass", "32 t"): 3.0}))
+    says = evidence_of(point(factors={("mass", "8 t"): 3.0, ("mass", "32 t"): 3.0}))
     holds = dict(zip((c.text for c in IN_BOX), says.holds(), strict=True))
     assert holds["A trailer mass other than believed makes the force clearly worse, in both directions."]
     assert not holds["The mass hardly affects the articulation angle."]
@@ -133,7 +133,7 @@ def test_a_margin_is_positive_inside_and_counts_the_worst_number():
 
 @pytest.fixture
 def few_resamples(monkeypatch):
-    """Where many points are told of and no interval of a point matters."""
+    """Where many points are evidence_of of and no interval of a point matters."""
     monkeypatch.setattr(evidence, "RESAMPLES", 100)
 
 
@@ -141,7 +141,7 @@ def test_what_decides_a_finding_is_found(monkeypatch, few_resamples):
     monkeypatch.setattr(analysis, "total_indices", lambda *_: None)  # of fourteen findings; tested below
     places = sequence(64)
     points = [point(k, p, {("mass", "8 t"): 1 + 4 * p[7], ("mass", "32 t"): 4.0}) for k, p in enumerate(places)]
-    found = analysis.survivals(points, [told(p) for p in points])[5]
+    found = analysis.survivals(points, [evidence_of(p) for p in points])[5]
     assert found.share.lower < np.mean(places[:, 7] > 0.125) < found.share.upper
     assert found.hinge is not None
     assert found.hinge.strongest(1) == [7]
@@ -192,7 +192,7 @@ def test_no_factor_is_named_where_the_surrogate_explains_little():
 def test_findings_that_never_hold_together_are_named_and_the_richest_point_is_found(few_resamples):
     steep = {("mass", "8 t"): 3.0, ("mass", "32 t"): 3.0}
     points = [point(k, CENTRE, steep if k % 2 else None) for k in range(40)]
-    says = [told(p) for p in points]
+    says = [evidence_of(p) for p in points]
     pairs = [(a, b) for a, b, ratio in analysis.exclusions(says) if ratio == 0.0]
     assert (5, 6) in pairs  # a mass that makes the force worse makes the angle worse here
     best = analysis.most_findings(points, says)

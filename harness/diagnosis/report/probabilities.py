@@ -99,7 +99,7 @@ def _explained(trace: Trace, m: ComparedModel, first: ComparedModel) -> str:
     errors = dict(zip((c.name for c in moved), trace.fitting.standard_errors(m.fitted), strict=True))
 
     def sized(added: Sequence[Alike]) -> str:
-        return listed([_one(trace, m, alike, errors) for alike in added])
+        return listed([_alternatives(trace, m, alike, errors) for alike in added])
 
     (more, less) = ([a for a in these.added if a not in those.added] for these, those in ((m, first), (first, m)))
     if m is first or len(more) + len(less) >= len(m.added):
@@ -110,7 +110,7 @@ def _explained(trace: Trace, m: ComparedModel, first: ComparedModel) -> str:
     return f"the same, but in place of {without}: {sized(more)}" if more else f"the same without {without}"
 
 
-def _one(trace: Trace, m: ComparedModel, alike: Alike, errors: dict[str, float]) -> str:
+def _alternatives(trace: Trace, m: ComparedModel, alike: Alike, errors: dict[str, float]) -> str:
     first = alike.hypotheses[0]
     others = [_name(h) for h in alike.hypotheses[1:]]
     return f"{_sized(trace, m, first, errors)}{f', or {listed(others)}, which acts the same' if others else ''}"

@@ -52,7 +52,7 @@ def report(outcome: Outcome, command: str, title: str = "", answer: str = "", ev
         Section(lambda: _errors(outcome), "How large is the simulation error?", headed=False),
         Section(lambda: _estimators(outcome), "How large are the errors of the estimators?", headed=False),
         *evidence,
-        Section(lambda: _found(outcome), "How large is it?"),
+        Section(lambda: _additions(outcome), "How large is it?"),
         Section(lambda: residual_sections.unmodelled(outcome), "Which disturbance is not in the library?"),
         Section(lambda: study_gain.blocks(outcome.study_gain), "What does the amendment gain in a study?"),
         Section(lambda: residual_sections.where(outcome), "Where is something missing?"),
@@ -99,7 +99,7 @@ def _estimators(outcome: Outcome) -> list[Block]:
     return [Sheet(["estimator", "target", "unit", "before", "after"], rows, caption, left=3)]
 
 
-def _found(outcome: Outcome) -> list[Block]:
+def _additions(outcome: Outcome) -> list[Block]:
     trace = outcome.trace
     if not outcome.added:
         return []

@@ -102,27 +102,29 @@ def held_disturbances(
     rows = rows.reshape(count, held * ny, -1)
     residual = by_step(model.residual, 0.0).reshape(count, held * ny)
 
-    def known(values: Floats) -> Floats:
+    def shifted(values: Floats) -> Floats:
         """Return steps behind one that is not used, as kernels take them."""
         return np.concatenate([np.zeros((1, *values.shape[1:])), values])
 
-    transition = known(now[:, :, :n])
+    transition = shifted(now[:, :, :n])
 
-    def found(j: int, of_state: Floats, of_disturbance: Floats, residual: Floats) -> HeldDisturbance:
-        larger = InnovationModel(transition, of_state, known(residual), held * model.step)
-        return HeldDisturbance(larger, InputDirection(known(now[:, :, n + j]), known(of_disturbance)), held, samples)
+    def held_at(j: int, of_state: Floats, of_disturbance: Floats, residual: Floats) -> HeldDisturbance:
+        larger = InnovationModel(transition, of_state, shifted(residual), held * model.step)
+        return HeldDisturbance(
+            larger, InputDirection(shifted(now[:, :, n + j]), shifted(of_disturbance)), held, samples
+        )
 
     if held * ny <= n + 1:
-        of_state = known(rows[:, :, :n])
-        return [found(j, of_state, rows[:, :, n + j], residual) for j in range(len(input_directions))]
+        of_state = shifted(rows[:, :, :n])
+        return [held_at(j, of_state, rows[:, :, n + j], residual) for j in range(len(input_directions))]
     basis, factor = np.linalg.qr(rows[:, :, :n])
     inside, noise = _in_basis(basis, residual[:, :, None])
     owed, beyond = _in_basis(basis, rows[:, :, n:])
     length = np.linalg.norm(beyond, axis=1)
     along = np.einsum("kij,ki->kj", beyond, noise[:, :, 0]) / np.where(length > 0, length, 1.0)
-    of_state = known(np.concatenate([factor, np.zeros((count, 1, n))], axis=1))
+    of_state = shifted(np.concatenate([factor, np.zeros((count, 1, n))], axis=1))
     return [
-        found(
+        held_at(
             j,
             of_state,
             np.concatenate([owed[:, :, j], length[:, [j]]], axis=1),

@@ -77,7 +77,7 @@ def final_posterior(trace: Trace, localisation: Localisation) -> Posterior | Non
     """Return how likely each model is; what has no name, where that was found, makes it likelier that none is right."""
     if trace.posterior is None or localisation.unmodelled is None:
         return trace.posterior
-    return trace.posterior.beside(trace.final, localisation.unmodelled.held_out_gain)
+    return trace.posterior.with_unlisted(trace.final, localisation.unmodelled.held_out_gain)
 
 
 def strays(trace: Trace) -> bool:

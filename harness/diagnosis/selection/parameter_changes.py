@@ -63,7 +63,7 @@ class Changes:
     tried: tuple[ParameterChange, ...]
 
     @property
-    def found(self) -> ParameterChange | None:
+    def change(self) -> ParameterChange | None:
         """The likeliest change, if it meets the criteria of an addition to a model."""
         best = self.tried[0]
         passes = (

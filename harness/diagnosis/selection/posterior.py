@@ -199,7 +199,7 @@ class Posterior:
                     inclusion[h] = inclusion.get(h, 0.0) + m.probability * share
         return dict(sorted(inclusion.items(), key=lambda item: -item[1]))
 
-    def beside(self, fitted: FittedHypothesis, gain: float) -> Posterior:
+    def with_unlisted(self, fitted: FittedHypothesis, gain: float) -> Posterior:
         """Return the probabilities where something unlisted was found beside a model.
 
         Its odds are those of "none of these" there, times the factor by which it makes the held-out drives likelier.
