@@ -301,8 +301,8 @@ def _map(path: Path, named: str) -> Path | None:
     """Return a channel map that a file names: by its name, or by a path from the file; ``None`` if it names none."""
     if not named:
         return None
-    beside = path.parent / named
-    return beside if beside.suffix else locations.find(locations.CHANNELS, named)
+    local = path.parent / named
+    return local if local.suffix else locations.find(locations.CHANNELS, named)
 
 
 def _cut(recording: xr.Dataset, start: float, stop: float, span: SpanTable) -> xr.Dataset:

@@ -31,7 +31,7 @@ from harness.identification.data import DriveData, started_by
 from harness.runner.limits import outside
 from harness.runner.simulation_loop import FREE, record_start, record_state, run_vehicle, state_room
 
-Known = Mapping[str, Mapping[str, float]]
+ValuesByDrive = Mapping[str, Mapping[str, float]]
 """Values of parameters that differ between recordings, by the name of the recording."""
 
 AT_END = 1e-3
@@ -117,7 +117,7 @@ class Misfit:
         values: Every parameter of the model, SI; free ones are replaced.
         free: What is searched.
         drives: What is compared with.
-        known: Values that differ between recordings.
+        per_drive: Values that differ between recordings.
         jobs: Threads.
 
     Raises:
@@ -131,7 +131,7 @@ class Misfit:
         values: Mapping[str, float],
         free: Sequence[Free],
         drives: Sequence[DriveData],
-        known: Known | None = None,
+        per_drive: ValuesByDrive | None = None,
         jobs: int = 1,
     ) -> None:
         self.compiled, self.free, self.drives, self.jobs = compiled, tuple(free), tuple(drives), jobs
@@ -139,7 +139,7 @@ class Misfit:
         self._kernel = load_source("misfit", paste(compiled, "misfit", [squared_errors], MISFIT)).squared_errors
         self._limits = compiled.model.limits
         names = compiled.model.parameter_names
-        self._values = [compiled.parameter_vector({**values, **(known or {}).get(d.name, {})}) for d in self.drives]
+        self._values = [compiled.parameter_vector({**values, **(per_drive or {}).get(d.name, {})}) for d in self.drives]
         self._rows = [
             [(i, names.index(f.parameter)) for i, f in enumerate(self.free) if not f.drives or d.name in f.drives]
             for d in self.drives

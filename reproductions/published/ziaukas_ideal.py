@@ -316,8 +316,13 @@ def _ideal_records() -> tuple[Record, ...]:
     study = load_study(STUDIES / "ideal.toml")
     drives, repeats = len(study.drives), study.designs[0].repeats
 
-    def pair(one: str, other: str, target: str) -> evidence.Pairs:
-        return {f"{one} over {other}, {words(target)}": (("ideal", None, one, target), ("ideal", None, other, target))}
+    def pair(estimator: str, other: str, target: str) -> evidence.Pairs:
+        return {
+            f"{estimator} over {other}, {words(target)}": (
+                ("ideal", None, estimator, target),
+                ("ideal", None, other, target),
+            )
+        }
 
     both = pair(UKF, EKF, FORCE) | pair(UKF, EKF, ANGLE)
     ideal = "ideal"

@@ -167,10 +167,10 @@ def _alike(stored: Stored) -> list[Evidence]:
     ]
 
 
-def _rougher(one: str, other: str, signal: str) -> Callable[[Stored], list[Evidence]]:
+def _rougher(estimator: str, other: str, signal: str) -> Callable[[Stored], list[Evidence]]:
     def test(stored: Stored) -> list[Evidence]:
-        values = [roughness(run, one, signal) / roughness(run, other, signal) for run in ramps(stored)]
-        return [_over_runs(f"changes from sample to sample, {one} over {other}", values, (1.0, np.inf))]
+        values = [roughness(run, estimator, signal) / roughness(run, other, signal) for run in ramps(stored)]
+        return [_over_runs(f"changes from sample to sample, {estimator} over {other}", values, (1.0, np.inf))]
 
     return test
 

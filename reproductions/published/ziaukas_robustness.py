@@ -33,14 +33,14 @@ FRICTIONS = ("0.5", "0.6", "0.7", "0.8", "1", "1.1")
 BANDS = ("±10 %", "±20 %", "±30 %")
 
 
-def over(study: str, one: str, other: str, target: str, bands: tuple[str, ...]) -> evidence.Pairs:
+def over(study: str, estimator: str, other: str, target: str, bands: tuple[str, ...]) -> evidence.Pairs:
     """Return pairs of two estimators on the same runs, by level."""
-    return {f"{one} over {other}, {b}": ((study, b, one, target), (study, b, other, target)) for b in bands}
+    return {f"{estimator} over {other}, {b}": ((study, b, estimator, target), (study, b, other, target)) for b in bands}
 
 
-def levels(study: str, one: str, other: str, target: str, names: tuple[str, ...] = EVERYONE) -> evidence.Pairs:
+def levels(study: str, level: str, other: str, target: str, names: tuple[str, ...] = EVERYONE) -> evidence.Pairs:
     """Return pairs of two levels, by estimator."""
-    return {f"{n}, {one} over {other}": ((study, one, n, target), (study, other, n, target)) for n in names}
+    return {f"{n}, {level} over {other}": ((study, level, n, target), (study, other, n, target)) for n in names}
 
 
 def _lost(study: str, band: str, theirs: tuple[int, int]) -> Test:

@@ -271,7 +271,7 @@ def test_a_missing_output_and_a_short_drive_are_no_obstacle():
 def test_a_signal_that_overflows_leaves_the_figure_of_correlations_to_the_others():
     short = np.random.default_rng(1).normal(size=(120, 2))
     found = cross_correlation([short], [short * [1.0, np.nan]], 0.01)
-    names = [Regressor(name, name, "1", of=lambda *_: short[:, 0]) for name in ("known", "overflown")]
+    names = [Regressor(name, name, "1", signal=lambda *_: short[:, 0]) for name in ("known", "overflown")]
     assert b"<svg" in correlations(found, ["yaw_rate", "lateral_velocity"], names)
 
 

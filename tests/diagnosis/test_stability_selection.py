@@ -32,7 +32,7 @@ def search(made_by, sizes):
         linear=[SimpleNamespace(innovations=SimpleNamespace(step=STEP, responses=responses))] * 2,
         input_directions=lambda entry: [entry] * 2,
     )
-    regressors = [Regressor(name, name, "1", of=lambda *_: None) for name in ("first", "second")]
+    regressors = [Regressor(name, name, "1", signal=lambda *_: None) for name in ("first", "second")]
     return proposals(ranking, range(len(sizes)), regressors, signals, moved, seen)
 
 

@@ -78,7 +78,7 @@ def test_a_parameter_may_belong_to_one_recording_and_be_known_in_another(spec, d
     alone = cost_on(spec, [drive]).norms(np.array([[8.36, 1.014], [8.36, 1.3]]))
     np.testing.assert_array_equal(norms[:, 0], alone[0])
     known = {"other": {"cog_to_front_axle": 1.3}}
-    same = cost_on(spec, [drive, other], free[1:], known=known).norms(np.array([[8.36]]))
+    same = cost_on(spec, [drive, other], free[1:], per_drive=known).norms(np.array([[8.36]]))
     np.testing.assert_array_equal(same[:, 0], alone[0])
 
 

@@ -52,19 +52,19 @@ class Regressor:
         name: As a signal of the project where it is one.
         words: In reports.
         unit: SI.
-        of: The signal from states ``(samples, nx)``, inputs ``(samples, nu)`` and rates of those ``(samples, nu)``.
+        signal: From states ``(samples, nx)``, inputs ``(samples, nu)`` and rates of those ``(samples, nu)``.
         within: Time constant in s of the low-pass that is taken off, infinite if it is the signal itself.
     """
 
     name: str
     words: str
     unit: str
-    of: Callable[[Floats, Floats, Floats], Floats] = field(compare=False)
+    signal: Callable[[Floats, Floats, Floats], Floats] = field(compare=False)
     within: float = math.inf
 
     def over(self, states: Floats, drive: DriveData) -> Floats:
         """Return its value over a drive ``(samples,)`` of states ``(samples, nx)``."""
-        s = self.of(states, drive.inputs, rates(drive))
+        s = self.signal(states, drive.inputs, rates(drive))
         share = self.renewed(float(drive.time[1] - drive.time[0]))
         if share == 0.0:
             return s

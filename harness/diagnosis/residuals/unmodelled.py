@@ -389,7 +389,7 @@ def _run(
         if not np.all(np.abs(x[:, 0]) <= limits):
             break
         read = (x[:, 0][None], drive.inputs[k : k + 1], slopes[k : k + 1])
-        signals = np.array([regressor.of(*read)[0] for regressor, _, _ in tables])
+        signals = np.array([regressor.signal(*read)[0] for regressor, _, _ in tables])
         driven = np.where(renewed > 0, quick, signals)  # what is quick, of the sample before: see ``Regressor.over``
         slow = signals if slow is None else slow + renewed * (signals - slow)
         quick = signals - slow
