@@ -73,7 +73,7 @@ loop: $(VENV)/run.stamp ## trace an effect that nobody declared, then open the s
 
 # One target for every other file in studies/loops/: measured drives, which are not part of the project.
 $(LOOPS): loop-%: studies/loops/%.toml $(VENV)/run.stamp
-	$(BIN)/harness loop $< $(if $(JOBS),--jobs $(JOBS)) --out results/loop-$*
+	$(BIN)/harness trace $< $(if $(JOBS),--jobs $(JOBS)) --out results/loop-$*
 
 study-%:
 	@echo "there is no studies/$*.toml; there are: $(STUDIES)" >&2; exit 2

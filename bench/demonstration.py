@@ -59,7 +59,7 @@ def main(arguments: list[str] | None = None) -> int:
     shutil.rmtree(FOLDER, ignore_errors=True)
     case, repeat = draw(seed)
     plant = [sys.executable, str(PLANT), "--case", case, "--repeat", str(repeat), "--out", str(FOLDER)]
-    trace = [sys.executable, "-m", "harness", "loop", str(given.study), "--out", str(FOLDER / "trace")]
+    trace = [sys.executable, "-m", "harness", "trace", str(given.study), "--out", str(FOLDER / "trace")]
     for command, output in ((plant, subprocess.DEVNULL), (trace, None)):
         status = subprocess.run(command, stdout=output, check=False).returncode
         if status:

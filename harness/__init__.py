@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from harness.api.study import levels as levels
     from harness.api.study import read_study as read_study
     from harness.api.tune import TunedNoise as TunedNoise
-    from harness.api.tune import Tuning as Tuning
+    from harness.api.tune import TunedStudy as TunedStudy
     from harness.api.tune import tune as tune
     from harness.api.tune import tune_noise as tune_noise
     from harness.common.components import register as register
@@ -69,7 +69,7 @@ _PLACES = {
     "harness.api.replay": ("Replay",),
     "harness.api.results": ("Results", "open_results"),
     "harness.api.study": ("Study", "design", "factor", "levels", "read_study"),
-    "harness.api.tune": ("TunedNoise", "Tuning", "tune", "tune_noise"),
+    "harness.api.tune": ("TunedNoise", "TunedStudy", "tune", "tune_noise"),
     "harness.common.components": ("register",),
     "harness.common.errors": ("ModelError", "UserError"),
 }

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from harness.identification.fit_recordings import Fitted
+    from harness.identification.measured_file import MeasuredStudy
 
 
 def identify(
@@ -71,6 +72,25 @@ def identify(
         return Identification(fit_recordings(task, show))
 
 
+def identified_file(study: MeasuredStudy, jobs: int | None = None) -> Identification:
+    """Return a fit to the drives of a file of measured drives, as that states it (internal).
+
+    Raises:
+        UserError, ModelError: As ``identify``.
+    """
+    from rich.console import Console
+
+    from harness.common.stages import showing
+    from harness.identification.fit_recordings import FitTask, fit_recordings
+
+    with showing(Console(stderr=True), "reading the recordings") as show:
+        drives, raw = study.drives(), study.raw
+        free = study.fitted_parameters()
+        task = FitTask(study.nominal(), drives["train"], free, drives["test"], raw.method, raw.settings, jobs=jobs)
+        show("compiling")
+        return Identification(fit_recordings(task, show))
+
+
 def _is_none(given: Any) -> bool:
     return given is None or (isinstance(given, list | tuple) and not given)
 
@@ -90,6 +110,11 @@ class Identification(Shown):
     def answer(self) -> str:
         """The result in sentences; the first says so if the fit failed (``failed``)."""
         return self._found.answer
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Names of the parameters that were to be found."""
+        return tuple(self._found.problem.free)
 
     @property
     def failed(self) -> bool:

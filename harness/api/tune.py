@@ -33,7 +33,7 @@ def tune(
     design: str | None = None,
     points: int = 32,
     jobs: int | None = None,
-) -> Tuning:
+) -> TunedStudy:
     """Tune the noise that the estimators of a study believe, by factors on groups of variances.
 
     Args:
@@ -89,12 +89,12 @@ def tune(
             if design is not None:
                 raise UserError("a design is for the worst case: the likelihood is that of the nominal plant")
             factors = likelihood.tune(training, budget, repeats, lambda name: show(f"tuning {name}"), estimators)
-            return Tuning(training, factors, budget, repeats)
+            return TunedStudy(training, factors, budget, repeats)
         box = _box(spec, design)
         worst = worst_case.tune_for_worst_case(
             training, box, budget, points, estimators, jobs=jobs, progress=lambda name: show(f"tuning {name}")
         )
-    return Tuning(training, worst, budget, points, box)
+    return TunedStudy(training, worst, budget, points, box)
 
 
 def _untuned(spec: StudyRecord) -> StudyRecord:
@@ -110,7 +110,7 @@ def _box(spec: StudyRecord, design: str | None) -> DesignSpec:
     return spec.design(design or names[0])
 
 
-class Tuning(Shown):
+class TunedStudy(Shown):
     """Tuned noise of the estimators of a study; made by ``harness.tune``."""
 
     def __init__(

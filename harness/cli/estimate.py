@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class EstimateTask(RecordedOptions):
+class EstimateOptions(RecordedOptions):
     """Estimators to run on recordings."""
 
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the estimates, estimate.json and the report.")]
@@ -68,8 +68,8 @@ class EstimateTask(RecordedOptions):
         }
 
 
-@takes(EstimateTask)
-def estimate(task: EstimateTask) -> None:
+@takes(EstimateOptions)
+def estimate(task: EstimateOptions) -> None:
     """Run estimators on recordings: estimates and standard deviations of every state, innovations, NIS, errors.
 
     Missing samples are skipped. A signal of the recording that the estimators do not measure is the reference of the

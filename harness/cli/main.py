@@ -24,7 +24,6 @@ from rich.text import Text
 from harness.cli.estimate import estimate
 from harness.cli.guard import answered, guarded, place_of_output, show_tracebacks
 from harness.cli.identify import identify
-from harness.cli.loop import loop
 from harness.cli.new import new
 from harness.cli.observability import observability
 from harness.cli.options import HERE, MOST, RESULTS, agree_to, place, study_path
@@ -33,7 +32,7 @@ from harness.cli.realtime import realtime
 from harness.cli.remedy import remedy
 from harness.cli.simulate import simulate
 from harness.cli.stores import status, verify
-from harness.cli.trace import trace
+from harness.cli.trace import loop, trace
 from harness.cli.tune import tune
 from harness.cli.view import view
 from harness.common.errors import UserError

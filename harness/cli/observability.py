@@ -22,7 +22,7 @@ from harness.common.errors import UserError
 
 
 @dataclass(frozen=True, kw_only=True)
-class ObservabilityTask:
+class ObservabilityOptions:
     """A model, and the drive along which its states are to be determined."""
 
     model: VehicleOptions
@@ -35,8 +35,8 @@ class ObservabilityTask:
     options: DriveOption = None
 
 
-@takes(ObservabilityTask)
-def observability(task: ObservabilityTask) -> None:
+@takes(ObservabilityOptions)
+def observability(task: ObservabilityOptions) -> None:
     """Check structural observability along a drive.
 
     Can the states be determined from the measurements? Straight ahead and under lateral excitation. With unknown

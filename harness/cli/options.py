@@ -95,6 +95,13 @@ class ModelOptions:
 
 
 @dataclass(frozen=True)
+class MaybeModelOptions(ModelOptions):
+    """A model that is not always asked for."""
+
+    vehicle: Annotated[str, typer.Option("--model", "-m", help="Vehicle; harness list vehicles shows them.")] = ""
+
+
+@dataclass(frozen=True)
 class VehicleOptions(ModelOptions):
     """A model whose vehicle is an argument, or named by ``--model`` as elsewhere."""
 

@@ -26,7 +26,7 @@ _FOLDERS = {*RESULTS, "check", "observability"}
 _STORES = ("zarr.json", ".zgroup", ".zarray")
 """What tells a store of Zarr, of version 3 and 2."""
 
-_WRITES_TOO = {"loop": ("trace",)}
+_WRITES_TOO = {"loop": ("trace",), "trace": ("loop",)}
 """What a command writes besides."""
 
 

@@ -4,19 +4,30 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from harness.cli.options import MOST, JobsOption, ModelOptions, UnknownOption, model_of, pairs, quantity
+from harness.cli.options import (
+    MOST,
+    RESULTS,
+    JobsOption,
+    MaybeModelOptions,
+    ModelOptions,
+    UnknownOption,
+    model_of,
+    pairs,
+    quantity,
+)
 from harness.common.errors import UserError
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from harness.api.model import Model
+    from harness.identification.measured_file import MeasuredStudy
 
 BANK = "bank_angle"
 """Signal that ``--bank-map`` makes."""
@@ -28,8 +39,16 @@ ChannelsOption = Annotated[
         "--channels", "-c", help="Channel map of the recordings that name none; columns are signals if absent."
     ),
 ]
+FileArgument = Annotated[
+    Path | None,
+    typer.Argument(help="File of measured drives, with the model and all that is asked; only --out and --jobs beside."),
+]
 TrainOption = Annotated[list[Path], typer.Option("--train", "-d", help=f"Recording to fit, or {RECORDING}")]
-TEST = f"Held-out recording, or {RECORDING}"
+TestOption = Annotated[list[Path], typer.Option("--test", "-t", help=f"Held-out recording, or {RECORDING}")]
+OutOption = Annotated[
+    Path | None,
+    typer.Option("--out", "-o", help="Folder of the results; of a file results/<command>-<name> if absent."),
+]
 FreeOption = Annotated[
     list[str] | None,
     typer.Option("--free", "-f", help="Parameters to fit, with commas between them; repeatable."),
@@ -144,3 +163,42 @@ def uncertain(given: list[str] | None, option: str) -> list[dict[str, Any]] | No
         name, *settings = (part.strip() for part in text.split(","))
         found.append({"name": name, **pairs(settings, f"{option} {name},")})
     return found or None
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasuredOptions:
+    """What identification and trace have in common: a file of measured drives, or a model and recordings."""
+
+    file: FileArgument = None
+    model: MaybeModelOptions
+    train: TrainOption = field(default_factory=list)
+    test: TestOption = field(default_factory=list)
+    out: OutOption = None
+    channels: ChannelsOption = None
+    free: FreeOption = None
+    jobs: JobsOption = None
+
+    def of_file(self, command: str) -> tuple[MeasuredStudy, Path] | None:
+        """Return the file of measured drives with the folder of its results; ``None`` without one.
+
+        Raises:
+            UserError: If other options stand beside the file, or what is needed without one is not given.
+        """
+        from harness.identification.measured_file import MeasuredStudy
+
+        if self.file is None:
+            lacking = {"--model": self.model.vehicle, "--train": self.train, "--out": self.out, **self.needed}
+            if missing := [option for option, given in lacking.items() if not given]:
+                raise UserError(f"{command} a file of measured drives, or give {', '.join(missing)}")
+            return None
+        bare = type(self)(file=self.file, model=MaybeModelOptions(), out=self.out, jobs=self.jobs)
+        if self != bare:
+            raise UserError(
+                f"{self.file} states model, recordings and all that is asked; give only --out and --jobs beside"
+            )
+        return MeasuredStudy.read(self.file), self.out or RESULTS / f"{command}-{self.file.stem}"
+
+    @property
+    def needed(self) -> dict[str, Any]:
+        """What is needed further without a file, by its option."""
+        return {}

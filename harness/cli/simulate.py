@@ -15,7 +15,7 @@ from harness.cli.options import DriveOption, SignalOption, VehicleOptions, drive
 
 
 @dataclass(frozen=True, kw_only=True)
-class SimulateTask:
+class SimulateOptions:
     """A drive to simulate."""
 
     model: VehicleOptions
@@ -29,8 +29,8 @@ class SimulateTask:
     ] = None
 
 
-@takes(SimulateTask)
-def simulate(task: SimulateTask) -> None:
+@takes(SimulateOptions)
+def simulate(task: SimulateOptions) -> None:
     """Simulate one drive and write it to a file.
 
     One column per signal, in SI units, under the names that harness list signals shows. Inputs run straight from sample

@@ -10,27 +10,18 @@ import typer
 from rich.console import Console
 
 from harness.cli.declared import takes
-from harness.cli.options import MOST, ModelOptions, command, printed, study_path
+from harness.cli.options import MOST, MaybeModelOptions, command, printed, study_path
 from harness.cli.outputs import refuse_input
 from harness.cli.recorded_options import RECORDING, RecordedOptions
 from harness.common.errors import UserError
 from harness.common.stages import showing
 
 if TYPE_CHECKING:
-    from harness.api.tune import Tuning
-
-
-@dataclass(frozen=True)
-class ModelOfRecordings(ModelOptions):
-    """A model that only recordings need."""
-
-    vehicle: Annotated[
-        str, typer.Option("--model", "-m", help="Vehicle of the recordings; harness list vehicles shows them.")
-    ] = ""
+    from harness.api.tune import TunedStudy
 
 
 @dataclass(frozen=True, kw_only=True)
-class TuneTask(RecordedOptions):
+class TuneOptions(RecordedOptions):
     """Noise to tune, of a study or on recordings."""
 
     out: Annotated[
@@ -68,7 +59,7 @@ class TuneTask(RecordedOptions):
     points: Annotated[
         int, typer.Option("--points", min=8, max=MOST, help="Points of that box; powers of two fill it best.")
     ] = 32
-    model: ModelOfRecordings
+    model: MaybeModelOptions
     data: Annotated[
         list[Path], typer.Option("--data", "-d", help=f"Recording, tuned on without a truth, or {RECORDING}")
     ] = field(default_factory=list)
@@ -78,8 +69,8 @@ class TuneTask(RecordedOptions):
     ] = "state"
 
 
-@takes(TuneTask)
-def tune(task: TuneTask) -> None:
+@takes(TuneOptions)
+def tune(task: TuneOptions) -> None:
     """Tune the noise that estimators believe: of a study on its training drives, or with --data on recordings.
 
     A study: factors on process noise, random walk of the unknown inputs and measurement noise of every estimator
@@ -108,7 +99,7 @@ def tune(task: TuneTask) -> None:
     return _recordings(task)
 
 
-def _study(task: TuneTask, study: str) -> None:
+def _study(task: TuneOptions, study: str) -> None:
     """Tune the estimators of a study that state a covariance; of the likelihood show the factors."""
     from harness.api.tune import toml_file
     from harness.api.tune import tune as tuned
@@ -136,7 +127,7 @@ def _study(task: TuneTask, study: str) -> None:
         typer.echo(file)
 
 
-def _show_factors(tuning: Tuning) -> None:
+def _show_factors(tuning: TunedStudy) -> None:
     from rich.table import Table
 
     table = Table("estimator", "process", "unknown inputs", "measurement", "log-likelihood before", "after", box=None)
@@ -147,7 +138,7 @@ def _show_factors(tuning: Tuning) -> None:
         Console(stderr=True).print(note)
 
 
-def _recordings(task: TuneTask) -> None:
+def _recordings(task: TuneOptions) -> None:
     """Tune on recordings and write the parameter file, its numbers and the report."""
     from harness.api.tune import toml_file, tune_noise
 

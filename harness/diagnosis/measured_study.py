@@ -147,7 +147,7 @@ def _write(
         table = Section(
             lambda: [_errors(errors)] if errors else [], "How large is the error on each held-out drive?", headed=False
         )
-        made = report(outcome, f"harness loop {study.path}", title, answer, [table, *evidence])
+        made = report(outcome, f"harness trace {study.path}", title, answer, [table, *evidence])
         made.write(folder, failures=outcome.failures)
 
 

@@ -14,10 +14,10 @@ from typer.testing import CliRunner
 
 import harness as h
 from harness.cli.declared import takes
-from harness.cli.estimate import EstimateTask
-from harness.cli.identify import IdentifyTask
+from harness.cli.estimate import EstimateOptions
+from harness.cli.identify import IdentifyOptions
 from harness.cli.main import RENAMED, app
-from harness.cli.trace import TraceTask
+from harness.cli.trace import TraceOptions
 from harness.common.errors import UserError
 
 COMMANDS = typer.main.get_command(app).commands
@@ -91,10 +91,10 @@ def test_a_former_name_is_taken_with_a_note(command, former):
 @pytest.mark.parametrize(
     ("task", "call"),
     [
-        (EstimateTask, h.estimate),
-        (EstimateTask, h.Estimator.run),
-        (IdentifyTask, h.identify),
-        (TraceTask, h.Diagnosis),
+        (EstimateOptions, h.estimate),
+        (EstimateOptions, h.Estimator.run),
+        (IdentifyOptions, h.identify),
+        (TraceOptions, h.Diagnosis),
     ],
 )
 def test_an_option_has_keyword_and_default_of_the_call_in_python(task, call):
@@ -181,3 +181,67 @@ def test_one_vehicle_is_named_either_way(tmp_path):
     assert ran("simulate", "-m", "scalar_example", "car", *words).exit_code == 2
     assert ran("simulate", *words).exit_code == 2
     assert "name one vehicle" in ran("simulate", *words).stderr
+
+
+FILE = """
+title = "Two loggers"
+recordings = "."
+channels = "csv.toml"
+step = "10 ms"
+free = ["yaw_inertia"]
+model = { vehicle = "car", parameters = "blanco_2021", tyre = "linear", sensors = "car_series" }
+train = [{ file = "a.csv", span = ["0 s", "25 s"] }]
+test = [{ file = "b.mat", channels = "mat.toml" }]
+"""
+
+
+@pytest.fixture
+def measured_file(two_loggers, monkeypatch):
+    monkeypatch.chdir(two_loggers)
+    (two_loggers / "both.toml").write_text(FILE)
+    return "both.toml"
+
+
+@pytest.mark.parametrize(
+    ("words", "where", "noted"),
+    [(("trace",), "results/trace-both", False), (("loop",), "results/loop-both", True)],
+)
+def test_a_trace_takes_a_file_of_measured_drives(measured_file, monkeypatch, words, where, noted):
+    asked = []
+    monkeypatch.setattr(
+        "harness.diagnosis.measured_study.trace_study", lambda *given: asked.append(given) or ["adequate", "the same"]
+    )
+    done = ran(*words, measured_file, "--jobs", 2)
+    assert done.exit_code == 0, done.output
+    assert ("is called harness trace FILE" in done.stderr) == noted
+    ((study, drives, out, jobs, _),) = asked
+    assert (study.raw.title, str(out), jobs) == ("Two loggers", where, 2)
+    assert (drives["train"][0].sizes["time"], drives["test"][0].sizes["time"]) == (2501, 3000)
+    np.testing.assert_allclose(drives["train"][0].speed.values, drives["test"][0].speed.values[:2501])
+    assert done.stdout.splitlines() == ["adequate", "the same", f"{where}/report.html"]
+
+
+def test_an_identification_takes_the_same_file(measured_file, monkeypatch):
+    asked = []
+
+    def fit(task, say):
+        asked.append(task)
+        raise UserError("enough")
+
+    monkeypatch.setattr("harness.identification.fit_recordings.fit_recordings", fit)
+    done = ran("identify", measured_file)
+    assert done.exit_code == 2, done.output
+    assert (asked[0].free, asked[0].method) == (("yaw_inertia",), "likelihood")
+    assert [d.attrs["name"] for d in (*asked[0].train, *asked[0].test)] == ["a", "b"]
+
+
+@pytest.mark.parametrize("command", ["trace", "identify"])
+def test_a_file_stands_alone_and_without_one_the_rest_is_asked_for(measured_file, command):
+    done = ran(command, measured_file, "-m", "car")
+    assert done.exit_code == 2
+    assert "give only --out and --jobs beside" in done.stderr
+    done = ran(command, "-m", "car", "--train", "a.csv")
+    assert done.exit_code == 2
+    assert ("--test" in done.stderr) == (command == "trace")
+    assert "--out" in done.stderr
+    assert "--model" not in done.stderr
