@@ -144,7 +144,7 @@ def _tracing() -> Callable[[Path], str]:
 
     from bench.attribution.run import Tracer
     from harness.common.failures import Failures
-    from harness.diagnosis.fitting.fit import KeptFits
+    from harness.diagnosis.fitting import KeptFits
     from harness.diagnosis.result.outcome import outcome_of
     from harness.diagnosis.result.record import write_outcome
     from harness.diagnosis.run import drives_of

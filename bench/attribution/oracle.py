@@ -17,7 +17,7 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from harness.common.files import write_files
-from harness.diagnosis.fitting.fit import FittedHypothesis, Fitting, ParameterPoint
+from harness.diagnosis.fitting import FittedHypothesis, Fitting, ParameterPoint
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import Hypothesis, coordinates, hypotheses
 from harness.diagnosis.run import TraceTask

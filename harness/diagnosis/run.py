@@ -26,7 +26,7 @@ from harness.common.places import inside
 from harness.common.stages import bar
 from harness.config import ModelSpec
 from harness.diagnosis.criteria import ROUNDS
-from harness.diagnosis.fitting.fit import KeptFits
+from harness.diagnosis.fitting import KeptFits
 from harness.diagnosis.known_gains import known_ranges
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.result.estimator_gain import EstimatorErrors, compile_estimators, estimators_on

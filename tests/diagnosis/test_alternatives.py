@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from harness.diagnosis.criteria import TRIED
-from harness.diagnosis.fitting.fit import Fitting
+from harness.diagnosis.fitting import Fitting
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, hypotheses, still_open
 from harness.diagnosis.selection import model_comparison
 from harness.diagnosis.selection.candidate_fits import CandidateFits

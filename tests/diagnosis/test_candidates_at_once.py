@@ -10,8 +10,7 @@ import pytest
 
 from harness.common.last_used import LastUsed
 from harness.diagnosis.criteria import BIC_NEEDED, HOPEFUL
-from harness.diagnosis.fitting import fit
-from harness.diagnosis.fitting.fit import FittedHypothesis, Fitting
+from harness.diagnosis.fitting import FittedHypothesis, Fitting
 from harness.diagnosis.model.hypotheses import hypotheses
 from harness.diagnosis.selection.candidate_fits import CandidateFits
 from harness.diagnosis.selection.forward_selection import first_variances
@@ -60,7 +59,7 @@ def test_candidates_end_in_the_same_bits_whatever_the_number_of_threads(augmente
 def test_a_fit_that_no_step_leads_on_from_has_ended(augmented, drives, monkeypatch, stuck):
     """Its slopes promise what it does not reach, and so they would in another turn."""
     promising = partial(Maximum, value=0.0, information=np.empty((0, 0)), predicted=100.0, stuck=stuck)
-    monkeypatch.setattr(fit, "maximise", lambda objective, z, *_, **__: promising(z))
+    monkeypatch.setattr("harness.diagnosis.fitting.maximise", lambda objective, z, *_, **__: promising(z))
     fitting = Fitting(augmented, drives[:1], first_variances(augmented, drives), driven=drives)
     assert fitting.fit((), fitting.first(), 3, 1, afresh=False).ended is stuck
 

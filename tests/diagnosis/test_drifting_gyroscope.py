@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from harness.diagnosis.fitting.fit import Fitting, ParameterPoint
+from harness.diagnosis.fitting import Fitting, ParameterPoint
 from harness.diagnosis.model.hypotheses import coordinates, hypotheses
 from harness.diagnosis.result.estimator_gain import fitted_model
 from harness.diagnosis.selection.acceptance import objections

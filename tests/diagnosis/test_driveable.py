@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from harness.diagnosis.fitting.fit import FittedHypothesis, Fitting
+from harness.diagnosis.fitting import FittedHypothesis, Fitting
 from harness.diagnosis.model.hypotheses import coordinates
 from harness.diagnosis.result.outcome import cautions
 from harness.diagnosis.selection.candidate_fits import CandidateFits

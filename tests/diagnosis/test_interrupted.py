@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from harness.diagnosis import run
-from harness.diagnosis.fitting.fit import FittedHypothesis, Fitting, KeptFits
+from harness.diagnosis.fitting import FittedHypothesis, Fitting, KeptFits
 from harness.diagnosis.model.hypotheses import coordinates
 from harness.diagnosis.run import Stages, progress
 from harness.diagnosis.selection.forward_selection import first_variances

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from harness.config import resolve_single
-from harness.diagnosis.fitting.fit import Fitting
+from harness.diagnosis.fitting import Fitting
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import coordinates, hypotheses
 from harness.diagnosis.selection.forward_selection import first_variances

@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from scipy.stats import chi2, multivariate_normal
 
 from harness.diagnosis.criteria import PRIORS
-from harness.diagnosis.fitting.fit import FittedHypothesis, Fitting, ParameterPoint
+from harness.diagnosis.fitting import FittedHypothesis, Fitting, ParameterPoint
 from harness.diagnosis.innovations.prediction import Ahead, Prediction
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, coordinates, hypotheses
 from harness.diagnosis.selection import posterior as p

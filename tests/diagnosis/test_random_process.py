@@ -10,7 +10,7 @@ import pytest
 
 from harness.config import resolve_single
 from harness.diagnosis.criteria import EXCESS, WHITE
-from harness.diagnosis.fitting.fit import Fitting
+from harness.diagnosis.fitting import Fitting
 from harness.diagnosis.model.hypotheses import coordinates
 from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking
 from harness.diagnosis.residuals.random_process import expected_excess, find_random_process

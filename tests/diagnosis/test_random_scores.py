@@ -8,7 +8,7 @@ import pytest
 
 from harness.config import resolve_single
 from harness.diagnosis.criteria import PRIORS
-from harness.diagnosis.fitting.fit import FittedHypothesis, ParameterPoint
+from harness.diagnosis.fitting import FittedHypothesis, ParameterPoint
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import (
     ALL_PARAMETERS,

@@ -7,7 +7,7 @@ import pytest
 
 from harness.common.errors import UserError
 from harness.config import resolve_single
-from harness.diagnosis.fitting.fit import Fitting
+from harness.diagnosis.fitting import Fitting
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, coordinates, hypotheses
 from harness.diagnosis.selection.forward_selection import first_variances

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from harness.diagnosis.fitting.fit import Fitting, ParameterPoint
+from harness.diagnosis.fitting import Fitting, ParameterPoint
 from harness.diagnosis.model.hypotheses import Hypothesis, hypotheses
 from harness.diagnosis.selection.candidate_fits import CandidateFits
 from harness.diagnosis.selection.forward_selection import first_variances

@@ -3,7 +3,7 @@
 import dataclasses
 
 from harness.config import resolve_single
-from harness.diagnosis.fitting.fit import Fitting
+from harness.diagnosis.fitting import Fitting
 from harness.diagnosis.model.hypotheses import coordinates
 from harness.diagnosis.selection.forward_selection import first_variances
 from harness.models.contracts import DriveContext

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.common.arrays import Floats
-from harness.diagnosis.fitting.fit import Fitting, ParameterPoint
+from harness.diagnosis.fitting import Fitting, ParameterPoint
 from harness.diagnosis.innovations.disturbance_inputs import DisturbanceInput, disturbance_inputs_of
 from harness.diagnosis.innovations.innovation_model import InnovationModel, InputDirection, Linearised, ModelTangents
 from harness.engine.simd.lanes import LANES

@@ -21,7 +21,7 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.diagnosis.criteria import BIC_NEEDED, PRIORS, TRIED
-from harness.diagnosis.fitting.fit import FittedHypothesis, Fitting, ParameterPoint
+from harness.diagnosis.fitting import FittedHypothesis, Fitting, ParameterPoint
 from harness.diagnosis.innovations.disturbance_inputs import DisturbanceInput
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.residuals.dependence import (

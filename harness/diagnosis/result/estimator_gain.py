@@ -18,7 +18,7 @@ import xarray as xr
 
 from harness.common.arrays import Floats
 from harness.config import ModelSpec
-from harness.diagnosis.fitting.fit import ParameterPoint
+from harness.diagnosis.fitting import ParameterPoint
 from harness.diagnosis.selection.forward_selection import Trace
 from harness.engine.further_processes import compile_all
 from harness.identification.data import DriveData

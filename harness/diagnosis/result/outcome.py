@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from harness.common.failures import RAISED, Failures
 from harness.config import ModelSpec
 from harness.diagnosis.criteria import WHITE
-from harness.diagnosis.fitting.fit import FittedHypothesis
+from harness.diagnosis.fitting import FittedHypothesis
 from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.residuals.localisation import NOWHERE, Localisation, where
 from harness.diagnosis.residuals.random_process import RandomProcess

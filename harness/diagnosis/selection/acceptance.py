@@ -14,7 +14,7 @@ from harness.diagnosis.criteria import (
     PRIORS,
     SAME,
 )
-from harness.diagnosis.fitting.fit import FittedHypothesis
+from harness.diagnosis.fitting import FittedHypothesis
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.selection.score_test import Score, cosine
 from harness.diagnosis.selection.validation import Judgement, predicts_better

@@ -9,7 +9,7 @@ from functools import partial
 
 from harness.config.parameter_set import stated_std
 from harness.diagnosis.criteria import BIC_NEEDED, HOPEFUL, MOST
-from harness.diagnosis.fitting.fit import TURNS, FittedHypothesis, Fitting, KeptFits, ParameterPoint
+from harness.diagnosis.fitting import TURNS, FittedHypothesis, Fitting, KeptFits, ParameterPoint
 from harness.diagnosis.model.hypotheses import Hypothesis, coordinates, hypotheses
 from harness.diagnosis.selection.score_test import Score, ScoreTest
 from harness.diagnosis.selection.validation import HeldOut, Judgement

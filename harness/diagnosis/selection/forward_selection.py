@@ -16,7 +16,7 @@ import numpy as np
 from harness.common.arrays import Floats
 from harness.common.failures import RAISED, Failures
 from harness.diagnosis.criteria import EXCESS, ROUNDS
-from harness.diagnosis.fitting.fit import FittedHypothesis, Fitting, KeptFits
+from harness.diagnosis.fitting import FittedHypothesis, Fitting, KeptFits
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.selection.acceptance import Round, beyond_belief, with_further

@@ -22,7 +22,7 @@ from scipy.special import logsumexp
 
 from harness.common.arrays import Floats
 from harness.diagnosis.criteria import HOPEFUL, HORIZONS, PRIORS, TRIED
-from harness.diagnosis.fitting.fit import FittedHypothesis, Fitting, ParameterPoint
+from harness.diagnosis.fitting import FittedHypothesis, Fitting, ParameterPoint
 from harness.diagnosis.innovations.prediction import Ahead, Prediction
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, hypotheses
 from harness.diagnosis.selection.acceptance import Candidate, Round, same

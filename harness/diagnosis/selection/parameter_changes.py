@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from harness.diagnosis.criteria import BIC_NEEDED
-from harness.diagnosis.fitting.fit import Fitting, ParameterPoint
+from harness.diagnosis.fitting import Fitting, ParameterPoint
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import coordinates
 from harness.diagnosis.selection.forward_selection import first_variances

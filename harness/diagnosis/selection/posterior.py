@@ -27,7 +27,7 @@ from scipy.stats import chi2
 from harness.common.arrays import Floats
 from harness.common.statistics import Interval
 from harness.diagnosis.criteria import BLOCK, MASS, PRIORS
-from harness.diagnosis.fitting.fit import FittedHypothesis
+from harness.diagnosis.fitting import FittedHypothesis
 from harness.diagnosis.innovations.prediction import Ahead
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.identification.data import DriveData

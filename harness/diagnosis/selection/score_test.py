@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from harness.common.arrays import Floats
-from harness.diagnosis.fitting.fit import FittedHypothesis, Fitting, ParameterPoint, in_rows
+from harness.diagnosis.fitting import FittedHypothesis, Fitting, ParameterPoint, in_rows
 from harness.diagnosis.innovations.innovation_model import ModelTangents
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.selection.change_times import ChangeResponse, Choices, Columns, Onsets, choices, join

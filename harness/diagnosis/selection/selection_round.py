@@ -17,7 +17,7 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.diagnosis.criteria import BIC_NEEDED, EXCESS, MOST, TRIED
-from harness.diagnosis.fitting.fit import FittedHypothesis, ParameterPoint
+from harness.diagnosis.fitting import FittedHypothesis, ParameterPoint
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, hypotheses, still_open
 from harness.diagnosis.selection.acceptance import (
     Candidate,

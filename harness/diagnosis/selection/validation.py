@@ -10,7 +10,7 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.diagnosis.criteria import ERROR_NEEDED, EXCESS, FARTHER, LITTLE, WHITE
-from harness.diagnosis.fitting.fit import FittedHypothesis, Fitting, ParameterPoint, moved_to
+from harness.diagnosis.fitting import FittedHypothesis, Fitting, ParameterPoint, moved_to
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import Hypothesis, coordinates
 from harness.diagnosis.selection.score_test import ScoreTest

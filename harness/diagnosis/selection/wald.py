@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from harness.common.arrays import Floats
-from harness.diagnosis.fitting.fit import FittedHypothesis, ParameterPoint
+from harness.diagnosis.fitting import FittedHypothesis, ParameterPoint
 from harness.diagnosis.selection.candidate_fits import Added, CandidateFits
 from harness.identification.coordinates import Coordinate
 from harness.identification.fisher_scoring import bounded_step

@@ -1,1 +1,0 @@
-"""Fit parameters and noise of the augmented model to the drives."""
