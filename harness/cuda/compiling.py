@@ -25,7 +25,7 @@ def compile_lightly() -> None:
 
     def find_singly_assigned_variables(lower: Any) -> None:
         """Find variables that are assigned once and used where they are defined only."""
-        found, blocks = set(), lower.func_ir.blocks
+        single, blocks = set(), lower.func_ir.blocks
         if not lower.func_ir.func_id.is_generator:
             use_defs, kept = compute_use_defs(blocks), must_use_alloca(blocks)
             places = Counter(name for names in use_defs.defmap.values() for name in names)
@@ -34,8 +34,8 @@ def compile_lightly() -> None:
                 each.target.name for block in lower.blocks.values() for each in block.find_insts(ir.assign_types)
             )
             once = (n for n, count in places.items() if count == 1 and times[n] == 1)
-            found = {name for name in once if name not in kept and name not in used}
-        lower._singly_assigned_vars = found
+            single = {name for name in once if name not in kept and name not in used}
+        lower._singly_assigned_vars = single
         lower._blk_local_varmap = {}
 
     Lower._find_singly_assigned_variable = find_singly_assigned_variables

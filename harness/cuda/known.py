@@ -76,8 +76,8 @@ class Knowledge:
 
     def know(self, node: ast.expr) -> Known:
         """Return what is known of an expression."""
-        found = getattr(self, f"_know_{type(node).__name__}", None)
-        return found(node) if found else None
+        method = getattr(self, f"_know_{type(node).__name__}", None)
+        return method(node) if method else None
 
     def _know_Constant(self, node: ast.Constant) -> Known:
         return Number(node.value) if isinstance(node.value, (bool, int, float)) else None
@@ -131,29 +131,31 @@ class Knowledge:
         return self.know(node.body if test.value else node.orelse) if isinstance(test, Number) else None
 
     def _know_Attribute(self, node: ast.Attribute) -> Known:
-        of = self.know(node.value)
-        if isinstance(of, Shape) and node.attr == "shape":
-            return Parts(tuple(None if n is None else Number(n) for n in of.sizes))
-        if isinstance(of, Shape) and node.attr == "ndim":
-            return Number(len(of.sizes))
-        return of.parts[of.fields.index(node.attr)] if isinstance(of, Parts) and node.attr in of.fields else None
+        value = self.know(node.value)
+        if isinstance(value, Shape) and node.attr == "shape":
+            return Parts(tuple(None if n is None else Number(n) for n in value.sizes))
+        if isinstance(value, Shape) and node.attr == "ndim":
+            return Number(len(value.sizes))
+        if isinstance(value, Parts) and node.attr in value.fields:
+            return value.parts[value.fields.index(node.attr)]
+        return None
 
     def _know_Subscript(self, node: ast.Subscript) -> Known:
-        of = self.know(node.value)
-        if isinstance(of, Parts):
+        value = self.know(node.value)
+        if isinstance(value, Parts):
             index = self.know(node.slice)
-            return of.parts[index.value] if isinstance(index, Number) else None
-        if not isinstance(of, Shape):
+            return value.parts[index.value] if isinstance(index, Number) else None
+        if not isinstance(value, Shape):
             return None
         indices = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
-        if of.table:
+        if value.table:
             places = [self.know(i) for i in indices]
-            if len(places) == len(of.sizes) and all(isinstance(p, Number) for p in places):
+            if len(places) == len(value.sizes) and all(isinstance(p, Number) for p in places):
                 return Number(
-                    self._whole.tables[of.table][tuple(p.value for p in places if isinstance(p, Number))].item()
+                    self._whole.tables[value.table][tuple(p.value for p in places if isinstance(p, Number))].item()
                 )
             return None
-        sizes = list(of.sizes)
+        sizes = list(value.sizes)
         for axis in reversed(range(len(indices))):
             one = indices[axis]
             if not isinstance(one, ast.Slice):
@@ -170,8 +172,8 @@ class Knowledge:
         if name == "cuda.local.array":
             return Shape(tuple(ast.literal_eval(node.args[0])))
         if name in _PASS_ON:
-            known = [self.know(a) for a in node.args]
-            return known[0] if len(known) == 1 else Parts(tuple(known))
+            values = [self.know(a) for a in node.args]
+            return values[0] if len(values) == 1 else Parts(tuple(values))
         if name in ("reshaped", "shaped"):
             sizes = self.know(node.args[1])
             if isinstance(sizes, Parts):
@@ -187,5 +189,5 @@ class Knowledge:
         made = vars(self._home).get(node.func.id)
         if isinstance(made, type) and issubclass(made, tuple):
             return Parts(tuple(self.know(a) for a in node.args), tuple(getattr(made, "_fields", ())))
-        found = self._whole.function_of(node.func.id, self._home)
-        return self._whole.copy_of(*found, tuple(self.know(a) for a in node.args))[1] if found else None
+        function = self._whole.function_of(node.func.id, self._home)
+        return self._whole.copy_of(*function, tuple(self.know(a) for a in node.args))[1] if function else None

@@ -76,8 +76,8 @@ class Specialised:
         for node in (n for statement in body for n in ast.walk(statement)):
             total += 1
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-                found = self.function_of(node.func.id, home)
-                total += self.size(*found) if found else 0
+                function = self.function_of(node.func.id, home)
+                total += self.size(*function) if function else 0
         return total
 
     def copy_of(self, node: ast.FunctionDef, home: ModuleType, arguments: tuple[Known, ...]) -> tuple[str, Known]:
@@ -151,10 +151,10 @@ class _Copy(Knowledge, ast.NodeTransformer):
         if isinstance(node, ast.Assign) and self._is_idle(node):
             return [ast.Expr(self.visit(node.value))]
         if isinstance(node, ast.Assign):
-            known = self.know(node.value)
+            value = self.know(node.value)
             node.value = self.visit(node.value)
             for target in node.targets:
-                self._assign(target, known)
+                self._assign(target, value)
             node.targets = [self._target(t) for t in node.targets]
             return [node]
         if isinstance(node, ast.AugAssign):
@@ -173,11 +173,11 @@ class _Copy(Knowledge, ast.NodeTransformer):
         call, target = node.value, node.targets[0]
         if not isinstance(call, ast.Call) or not isinstance(call.func, ast.Name) or not isinstance(target, ast.Tuple):
             return False
-        found = self._whole.function_of(call.func.id, self._home)
-        if not found or [ast.unparse(e) for e in target.elts] != [ast.unparse(a) for a in call.args]:
+        function = self._whole.function_of(call.func.id, self._home)
+        if not function or [ast.unparse(e) for e in target.elts] != [ast.unparse(a) for a in call.args]:
             return False
-        last = found[0].body[-1]
-        given = ast.Tuple([ast.Name(a.arg, ast.Load()) for a in found[0].args.args], ast.Load())
+        last = function[0].body[-1]
+        given = ast.Tuple([ast.Name(a.arg, ast.Load()) for a in function[0].args.args], ast.Load())
         return isinstance(last, ast.Return) and last.value is not None and ast.unparse(last.value) == ast.unparse(given)
 
     def _target(self, node: Any) -> Any:
@@ -196,11 +196,11 @@ class _Copy(Knowledge, ast.NodeTransformer):
                 self._assign(each, part)
 
     def _if(self, node: ast.If) -> list[ast.stmt]:
-        known = self.know(node.test)
-        if isinstance(known, Number):
+        test = self.know(node.test)
+        if isinstance(test, Number):
             # a function whose result is known is called for what else it does
             called = [ast.Expr(self.visit(node.test))] if isinstance(node.test, ast.Call) else []
-            return [*called, *self.statements(node.body if known.value else node.orelse)]
+            return [*called, *self.statements(node.body if test.value else node.orelse)]
         node.test = self.visit(node.test)
         before = dict(self._known)
         node.body = self.statements(node.body) or [ast.Pass()]
@@ -215,9 +215,9 @@ class _Copy(Knowledge, ast.NodeTransformer):
             steps = range(*(b.value for b in bounds))  # type: ignore[union-attr]
             cost = self._times * len(steps) * self._nodes(node.body, self._home)
             if cost <= LIMIT and len(steps) <= LONGEST:
-                found = self._written_out(node, steps)
-                if found is not None:
-                    return found
+                written_out = self._written_out(node, steps)
+                if written_out is not None:
+                    return written_out
         node.iter = self.visit(node.iter)
         return self._loop(node, node.body)
 
@@ -226,20 +226,20 @@ class _Copy(Knowledge, ast.NodeTransformer):
         before, times = dict(self._known), self._times
         written: list[ast.stmt] = []
         self._times *= max(1, len(steps))
-        left = False
+        breaks = False
         for value in steps:
             assert isinstance(node.target, ast.Name)
             self._known[node.target.id] = Number(value)
             body = self.statements(node.body)
             if body and isinstance(body[-1], ast.Break):
-                body, left = body[:-1], True
+                body, breaks = body[:-1], True
             elif body and isinstance(body[-1], ast.Continue):
                 body = body[:-1]
             if _leaves(body):
                 self._known, self._times = before, times
                 return None
             written += body
-            if left:
+            if breaks:
                 break
         self._times = times
         return written
@@ -266,43 +266,43 @@ class _Copy(Knowledge, ast.NodeTransformer):
     def visit_Name(self, node: ast.Name) -> ast.AST:
         """Write a known number, or import what the name means."""
         if isinstance(node.ctx, ast.Load):
-            known = self.know(node)
-            if isinstance(known, Number) and isinstance(known.value, (bool, int, float)):
-                return ast.Constant(known.value)
+            value = self.know(node)
+            if isinstance(value, Number) and isinstance(value.value, (bool, int, float)):
+                return ast.Constant(value.value)
             if node.id not in self._known:
                 self._whole.need(node.id, self._home)
         return node
 
     def visit_Subscript(self, node: ast.Subscript) -> ast.AST:
         """Write a known number of a table."""
-        known = self.know(node) if isinstance(node.ctx, ast.Load) else None
-        return ast.Constant(known.value) if isinstance(known, Number) else self.generic_visit(node)
+        value = self.know(node) if isinstance(node.ctx, ast.Load) else None
+        return ast.Constant(value.value) if isinstance(value, Number) else self.generic_visit(node)
 
     def visit_IfExp(self, node: ast.IfExp) -> ast.AST:
         """Write the value that is taken, where that is known."""
-        known = self.know(node.test)
-        if isinstance(known, Number):
-            return self.visit(node.body if known.value else node.orelse)
+        test = self.know(node.test)
+        if isinstance(test, Number):
+            return self.visit(node.body if test.value else node.orelse)
         return self.generic_visit(node)
 
     def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
         """Write a known whole number; others are computed where they always were."""
-        known = self.know(node)
-        if isinstance(known, Number) and isinstance(known.value, (bool, int)):
-            return ast.Constant(known.value)
+        value = self.know(node)
+        if isinstance(value, Number) and isinstance(value.value, (bool, int)):
+            return ast.Constant(value.value)
         return self.generic_visit(node)
 
     def visit_Compare(self, node: ast.Compare) -> ast.AST:
         """Write a known truth value."""
-        known = self.know(node)
-        return ast.Constant(known.value) if isinstance(known, Number) else self.generic_visit(node)
+        value = self.know(node)
+        return ast.Constant(value.value) if isinstance(value, Number) else self.generic_visit(node)
 
     def visit_Call(self, node: ast.Call) -> ast.AST:
         """Call the copy of a function for what is known of its arguments."""
         if isinstance(node.func, ast.Name) and node.func.id not in self._known:
-            found = self._whole.function_of(node.func.id, self._home)
-            if found:
-                name, _ = self._whole.copy_of(*found, tuple(self.know(a) for a in node.args))
+            function = self._whole.function_of(node.func.id, self._home)
+            if function:
+                name, _ = self._whole.copy_of(*function, tuple(self.know(a) for a in node.args))
                 return ast.Call(ast.Name(name, ast.Load()), [self.visit(a) for a in node.args], [])
         return self.generic_visit(node)
 
@@ -320,9 +320,9 @@ def _leaves(body: Sequence[ast.stmt]) -> bool:
 def specialised(module: ModuleType, entry: str) -> str:
     """Return the source of a module with one function of another, and all it calls, specialised."""
     whole = Specialised(module)
-    found = whole.function_of(entry, module)
-    assert found is not None
-    whole.copy_of(*found, ())
+    function = whole.function_of(entry, module)
+    assert function is not None
+    whole.copy_of(*function, ())
     lines = [
         "from __future__ import annotations",
         "from harness.cuda.compiling import forced, inlined",

@@ -124,11 +124,11 @@ def for_card(source: str) -> str:
 
 def _numbers(tree: ast.Module) -> dict[str, Any]:
     """Return the global numbers that a module imports or states."""
-    found: dict[str, Any] = {}
+    constants: dict[str, Any] = {}
     for node in tree.body:
         if isinstance(node, ast.ImportFrom) and node.module:
             home = importlib.import_module(node.module)
-            found |= {n.asname or n.name: getattr(home, n.name, None) for n in node.names}
+            constants |= {n.asname or n.name: getattr(home, n.name, None) for n in node.names}
         elif isinstance(node, ast.Assign):
             try:
                 value = ast.literal_eval(node.value)
@@ -137,5 +137,5 @@ def _numbers(tree: ast.Module) -> dict[str, Any]:
             for target in node.targets:
                 names = target.elts if isinstance(target, ast.Tuple) else [target]
                 values = value if isinstance(target, ast.Tuple) else [value]
-                found |= {n.id: v for n, v in zip(names, values, strict=True) if isinstance(n, ast.Name)}
-    return {name: value for name, value in found.items() if isinstance(value, (int, float))}
+                constants |= {n.id: v for n, v in zip(names, values, strict=True) if isinstance(n, ast.Name)}
+    return {name: value for name, value in constants.items() if isinstance(value, (int, float))}

@@ -272,9 +272,9 @@ class CompiledModel:
 
     def _in_force(self, given: np.ndarray) -> np.ndarray:
         """Return of each batch whether amplitudes, in lanes or duals, are other than neutral or have a slope."""
-        found = given[:, self._amplitudes]
-        moved: np.ndarray = np.any(found[:, :, : lanes.LANES] != self._neutral, axis=2)
-        return moved | np.any(found[:, :, lanes.LANES :], axis=2)
+        amplitudes = given[:, self._amplitudes]
+        moved: np.ndarray = np.any(amplitudes[:, :, : lanes.LANES] != self._neutral, axis=2)
+        return moved | np.any(amplitudes[:, :, lanes.LANES :], axis=2)
 
 
 @functools.lru_cache(maxsize=64)

@@ -52,16 +52,16 @@ def compile_all(
         say: Told in words what is done.
     """
     missing = deque(missing_kernels(kernels))
-    left = set(range(kernels.kernels))
+    to_compile = set(range(kernels.kernels))
 
     def load(index: int) -> None:
-        left.discard(index)
-        say(f"compiled {kernels.warm_up(index)}; {len(left)} to go")
+        to_compile.discard(index)
+        say(f"compiled {kernels.warm_up(index)}; {len(to_compile)} to go")
 
     with _compiling_too(again, missing, further(len(missing))):
         while (index := _taken(missing.popleft)) is not None:
             load(index)
-    for index in sorted(left):
+    for index in sorted(to_compile):
         load(index)
 
 
@@ -119,8 +119,8 @@ def serve() -> None:
     """Compile the kernels that standard input names; what a further process runs."""
     source, answers = sys.stdin.buffer, sys.stdout.buffer
     what = source.read(int.from_bytes(source.read(8), "little"))
-    found, again = pickle.loads(what)
-    components.take_over(found)
+    registered, again = pickle.loads(what)
+    components.take_over(registered)
     kernels = again()
     while True:
         answers.write(b"ready\n")

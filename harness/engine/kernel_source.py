@@ -132,7 +132,7 @@ class _Module:
                 raise _missing(name, user, f"which is {meaning}; write np.{meaning} in the function")
             return
         home = sys.modules.get(getattr(meaning, "__module__", None) or "")
-        attribute = next((n for n, known in vars(home).items() if known is meaning), None) if home else None
+        attribute = next((n for n, value in vars(home).items() if value is meaning), None) if home else None
         if home is not None and home.__name__ == "__main__":
             raise _missing(name, user, "which stands in a notebook or script; define it in a file that can be imported")
         if home is None or attribute is None:
@@ -148,9 +148,9 @@ class _Module:
         if name not in self._meanings:
             self._meanings[name] = meaning, _place(user)
             return False
-        known, before = self._meanings[name]
-        if known is not meaning and (type(known) is not type(meaning) or not isinstance(known, (int, float)) or
-                                     known != meaning):  # fmt: skip
+        settled, before = self._meanings[name]
+        if settled is not meaning and (type(settled) is not type(meaning) or not isinstance(settled, (int, float)) or
+                                     settled != meaning):  # fmt: skip
             raise ModelError(f"{_place(user)}: '{name}' means something else in {before}; rename one of the two")
         return True
 

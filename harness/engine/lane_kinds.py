@@ -35,6 +35,6 @@ def over_singles(source: str) -> str:
 def _exchange(name: str, width: int, number: str) -> Exchange:
     source = inspect.getsource(lanes)
     for line, other in ((r"LANES = \d+", f"LANES = {width}"), (r"NUMBER = types\.\w+", f"NUMBER = types.{number}")):
-        source, found = re.subn(rf"^{line}$", other, source, flags=re.MULTILINE)
-        assert found == 1
+        source, count = re.subn(rf"^{line}$", other, source, flags=re.MULTILINE)
+        assert count == 1
     return Exchange({lanes: load_source(name, source), kernel_names: kernel_names}, any_code=True)

@@ -175,10 +175,10 @@ def seed_words(entropy: int, keys: ArrayLike) -> NDArray[np.uint64]:
         begun = [len(begun) + rows.shape[1], *begun]
         return np.concatenate([np.tile(np.array(begun, dtype=np.uint64), (len(rows), 1)), rows], axis=1)
     words = [begun + [word for number in row for word in _words_of(int(number))] for row in rows]
-    found = np.zeros((len(words), 1 + max(map(len, words))), dtype=np.uint64)
-    for row, each in zip(found, words, strict=True):
+    table = np.zeros((len(words), 1 + max(map(len, words))), dtype=np.uint64)
+    for row, each in zip(table, words, strict=True):
         row[0], row[1 : 1 + len(each)] = len(each), each
-    return found
+    return table
 
 
 def _words_of(number: int) -> list[int]:
@@ -197,9 +197,9 @@ def standard_normal(words: NDArray[np.uint64], samples: int, width: int) -> NDAr
         samples: Of each lane.
         width: Numbers of a sample.
     """
-    found = np.empty((len(words) // LANES, samples, width, LANES))
-    _compiled().fill(words, wi_double, ki_double, fi_double, found)
-    return found if len(found) > 1 else found[0]
+    numbers = np.empty((len(words) // LANES, samples, width, LANES))
+    _compiled().fill(words, wi_double, ki_double, fi_double, numbers)
+    return numbers if len(numbers) > 1 else numbers[0]
 
 
 @functools.cache

@@ -276,8 +276,8 @@ class Estimator:
             source: tuple[Any, ...] = (inputs.at, inputs.between, measurements, inputs.effects)
             belief = belief._replace(input_errors=np.zeros((*inputs.effects.shape[1:], LANES)))
         else:
-            known, belief = self._source(inputs, belief)
-            source = *known, measurements
+            series, belief = self._source(inputs, belief)
+            source = *series, measurements
         if recorded not in self._following:
             reader = (RECORDING if recorded else BATCH) | HISTORY
             kernels = self._made_of(self._uncertain or recorded) | reader

@@ -75,14 +75,14 @@ def smallest_covariance(transitions: Floats, slopes: Floats, walk: Floats, noise
     Returns:
         ``(samples, ..., nx, nx)``.
     """
-    found = np.empty((len(slopes), *first.shape))
-    found[0] = covariance = first
+    covariances = np.empty((len(slopes), *first.shape))
+    covariances[0] = covariance = first
     unit = np.eye(first.shape[-1])
     for k in range(1, len(slopes)):
         ahead, seen = transitions[k - 1], slopes[k]
         covariance = ahead @ covariance @ ahead.swapaxes(-1, -2) + walk
         gain = np.linalg.solve(seen @ covariance @ seen.swapaxes(-1, -2) + noise, seen @ covariance).swapaxes(-1, -2)
-        left = unit - gain @ seen
-        covariance = left @ covariance @ left.swapaxes(-1, -2) + gain @ noise @ gain.swapaxes(-1, -2)
-        found[k] = covariance
-    return found
+        remainder = unit - gain @ seen
+        covariance = remainder @ covariance @ remainder.swapaxes(-1, -2) + gain @ noise @ gain.swapaxes(-1, -2)
+        covariances[k] = covariance
+    return covariances

@@ -127,23 +127,23 @@ def unscaled(values: Floats, limits: Floats) -> Floats:
 
 def forward(layers: Sequence[Floats], x: Floats) -> list[Floats]:
     """Return the activations of every layer, the outputs last, each ``(samples, to)`` (3.2 to 3.4)."""
-    found, a = [], x
+    activations, a = [], x
     for index, w in enumerate(layers):
         a = a @ w[:, :-1].T + w[:, -1]
         if index < len(layers) - 1:
             a = np.tanh(a)
-        found.append(a)
-    return found
+        activations.append(a)
+    return activations
 
 
 def unpack(parameters: Floats, sizes: Sequence[int]) -> tuple[Floats, ...]:
     """Split a parameter vector into the layers' matrices."""
-    found, start = [], 0
+    layers, start = [], 0
     for n_from, n_to in itertools.pairwise(sizes):
         stop = start + n_to * (n_from + 1)
-        found.append(parameters[start:stop].reshape(n_to, n_from + 1).copy())
+        layers.append(parameters[start:stop].reshape(n_to, n_from + 1).copy())
         start = stop
-    return tuple(found)
+    return tuple(layers)
 
 
 def nguyen_widrow(sizes: Sequence[int], rng: np.random.Generator) -> Floats:
@@ -206,10 +206,10 @@ def find(name: str, folder: Path = Path()) -> Path:
         except UserError as error:
             raise UserError(f"{error}; or give the path of an .npz file") from None
     candidates = (folder / name, Path(name))
-    found = next((path for path in candidates if path.is_file()), None)
-    if found is None:
+    network = next((path for path in candidates if path.is_file()), None)
+    if network is None:
         raise MissingFileError(f"there is no network file {' or '.join(dict.fromkeys(str(p) for p in candidates))}")
-    return found
+    return network
 
 
 def load(path: Path) -> Network:
@@ -262,20 +262,20 @@ def _described(array: np.ndarray[Any, Any], path: Path, again: str) -> dict[str,
         UserError: If it is no JSON, lacks an entry, or one is of another type.
     """
     try:
-        found = json.loads(str(array))
+        described = json.loads(str(array))
     except (json.JSONDecodeError, RecursionError, ValueError) as error:
         raise UserError(f"{path}: 'description' is not JSON ({error}); {again}") from None
-    if not isinstance(found, dict):
+    if not isinstance(described, dict):
         raise UserError(f"{path}: 'description' is no table; {again}")
     for key in _KEYS:
-        value = found.get(key)
+        value = described.get(key)
         names = isinstance(value, list) and all(isinstance(name, str) for name in value)
         whole = isinstance(value, int) and not isinstance(value, bool)
-        if key not in found:
+        if key not in described:
             raise UserError(f"{path}: 'description' lacks '{key}'; {again}")
         if not (names if key in ("inputs", "outputs") else whole or (key == "step" and isinstance(value, float))):
             raise UserError(f"{path}: '{key}' of 'description' is {value!r}; {again}")
-    return found
+    return described
 
 
 def _misfit(network: Network) -> str:

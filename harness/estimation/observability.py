@@ -135,8 +135,8 @@ def linearise(model: Model, values: Mapping[str, float], profile: Profile) -> Li
     a, c = np.zeros((samples, nx, nx)), np.zeros((samples, len(model.outputs), nx))
     for matrix, (positions, evaluate) in zip((a, c), _jacobians(model), strict=True):
         with np.errstate(all="ignore"):  # NumPy evaluates both branches of a case distinction
-            found = evaluate(x.T, u.T, p)
-        for (i, j), entry in zip(positions, found, strict=True):
+            entries = evaluate(x.T, u.T, p)
+        for (i, j), entry in zip(positions, entries, strict=True):
             matrix[:, i, j] = entry
     return Linearisation(x, a, c)
 
@@ -201,14 +201,14 @@ def delays(dataset: xr.Dataset) -> dict[str, float]:
 
 def _inputs(model: Model, profile: Profile) -> Floats:
     """Return the inputs (samples, nu) of a model from a drive; rates by differences of the samples."""
-    known = {name: getattr(profile, name) for name in ("time", *DRIVEN)} | profile.further
+    signals = {name: getattr(profile, name) for name in ("time", *DRIVEN)} | profile.further
     step = (profile.time[-1] - profile.time[0]) / (len(profile.time) - 1)
     columns = []
     for name in model.inputs:
         source = model.rates.get(name, name)
-        if source not in known:
+        if source not in signals:
             raise UserError(f"model '{model.name}': the drive gives no '{source}', which the model needs")
-        samples = known[source]
+        samples = signals[source]
         columns.append(np.gradient(samples, step) if name in model.rates else samples)
     return np.column_stack(columns) if columns else np.zeros((len(profile.time), 0))
 

@@ -272,10 +272,10 @@ def _choose(ahead, log_weights, targets, half_precision, points, chosen):
     scratch = np.empty((ahead.shape[0], LANES))
     for m in range(targets.shape[0]):
         largest = _log_products(ahead, log_weights, targets[m], half_precision, scratch)
-        left = points[m] * _normalise(scratch, largest)
+        remainder = points[m] * _normalise(scratch, largest)
         flat = scratch.reshape(scratch.size)
         j = 0
-        while j < flat.shape[0] - 1 and left >= flat[j]:
-            left -= flat[j]
+        while j < flat.shape[0] - 1 and remainder >= flat[j]:
+            remainder -= flat[j]
             j += 1
         chosen[m] = j

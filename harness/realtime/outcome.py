@@ -51,14 +51,14 @@ def judge(times: xr.Dataset, study: Study, drive: str) -> xr.Dataset:
     values, names = times["step_time"].values, list(kinds)
     cycle = study.belief.step
     ratio = _ratios(values, names.index(reference), max(1, round(_BLOCK / cycle)), study.seed)
-    found = times.assign(
+    judged = times.assign(
         quantile=(("pace", "estimator", "share"), np.moveaxis(np.quantile(values, QUANTILES, axis=2), 0, -1)),
         mean=(("pace", "estimator"), values.mean(axis=2)),
         ratio=(("pace", "estimator", "end"), ratio),
     ).assign_coords(share=list(QUANTILES), end=np.array(["median", "lower", "upper"], dtype=object))
     for name in ("quantile", "mean"):
-        found[name].attrs["units"] = "s"
-    return found.assign_attrs(
+        judged[name].attrs["units"] = "s"
+    return judged.assign_attrs(
         study_name=study.name,
         study_hash=study.hash,
         study=study.text,

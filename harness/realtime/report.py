@@ -111,11 +111,11 @@ def _ratio(outcome: xr.Dataset, pace: str, estimator: str) -> str:
 def _ratios_in_words(outcome: xr.Dataset) -> str:
     """Compare with the dissertation; empty where the study has nothing to compare."""
     kinds, reference = _kinds(outcome), outcome.attrs["reference"]
-    known = {name: published_ratio(kind, kinds[reference]) for name, kind in kinds.items() if name != reference}
+    published = {name: published_ratio(kind, kinds[reference]) for name, kind in kinds.items() if name != reference}
     parts = [
         f"{name} takes {_ratio(outcome, _WARM, name)} times as long as {reference} without a pause and "
         f"{_ratio(outcome, _CYCLE, name)} times once per cycle, where the dissertation has {there:.2f}"
-        for name, there in known.items()
+        for name, there in published.items()
         if there is not None
     ]
     return "; ".join(parts) + "." if parts else ""

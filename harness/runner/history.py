@@ -43,16 +43,16 @@ def begin_history(samples, state, u, belief, room, record):
 
 def add_history(k, state, previous, u_before, u, y, belief, work, info, room, record):
     """Keep one sample."""
-    s, slopes, left = room
+    s, slopes, flag = room
     limits, rows, kept = record
     _, _, _, _, _, innovation, spread, facts = kept
     write_covariance(state, work)
     keep_state(k, state, kept)
     keep_signals(k, state, u, belief, s, slopes, rows, kept)
-    put(outside(state.mean, limits), left, 0)
+    put(outside(state.mean, limits), flag, 0)
     facts[k, 0], facts[k, 1] = info.nis[0, 0], info.seen[0, 0]
     facts[k, 2], facts[k, 3] = info.log_likelihood[0, 0], info.repairs[0, 0]
-    facts[k, 4] = left[0, 0]
+    facts[k, 4] = flag[0, 0]
     for a in range(NY):
         innovation[k, a] = info.innovation[a, 0]
         for b in range(NY):

@@ -51,5 +51,5 @@ def beyond(s, largest):
 def surprised(info):
     """Return 1 in the lanes in which NIS or likelihood of a measurement is no number that can be scored."""
     nis, likelihood = get(info.nis, 0), get(info.log_likelihood, 0)
-    known = (nis <= LARGEST) & (likelihood <= LARGEST) & (likelihood >= -LARGEST)
-    return select((get(info.seen, 0) > 0.0) & ~known, 1.0, 0.0)
+    scorable = (nis <= LARGEST) & (likelihood <= LARGEST) & (likelihood >= -LARGEST)
+    return select((get(info.seen, 0) > 0.0) & ~scorable, 1.0, 0.0)

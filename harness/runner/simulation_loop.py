@@ -93,9 +93,9 @@ def measure(k, x, u, c, room, record):
     output(x, u, c, y[k])
     for i in range(NY):
         put(get(y, k, i) + get(deviation_y, i) * get(noise, k, NX + i), y, k, i)
-    left = get(left_at, 0)
+    first_outside = get(left_at, 0)
     bad = (outside(x, limits) > 0.0) | (beyond(truth[k], largest) > 0.0)
-    put(select(bad & (left > 1.0 * k), 1.0 * k, left), left_at, 0)
+    put(select(bad & (first_outside > 1.0 * k), 1.0 * k, first_outside), left_at, 0)
     return False
 
 

@@ -98,10 +98,10 @@ def _declares(module: Any, name: str) -> bool:
 
 def _validate(declared: Sequence[Option], given: Mapping[str, object], where: str) -> dict[str, Any]:
     """Return a value in SI units for every option; refuse unknown and absent keys and wrong values."""
-    known = [o.name for o in declared]
+    names = [o.name for o in declared]
     for key in given:
-        if key not in known:
-            raise UserError(f"{where}: unknown option '{key}'{registry.closest(key, known)}")
+        if key not in names:
+            raise UserError(f"{where}: unknown option '{key}'{registry.closest(key, names)}")
     values: dict[str, Any] = {}
     for option in declared:
         if option.name not in given:
@@ -153,15 +153,15 @@ def read_drives(path: str | Path) -> dict[str, tuple[str, dict[str, object]]]:
     tables = read_toml(Path(path)).get("drive")
     if not isinstance(tables, list) or not tables or not all(isinstance(t, dict) for t in tables):
         raise UserError(f"{path}: holds no [[drive]] table")
-    found: dict[str, tuple[str, dict[str, object]]] = {}
+    drives: dict[str, tuple[str, dict[str, object]]] = {}
     for number, table in enumerate(tables, start=1):
         for key in ("name", "kind"):
             if not isinstance(table.get(key), str):
                 raise UserError(f"{path}, [[drive]] number {number}: '{key}' is missing or no text")
-        if table["name"] in found:
+        if table["name"] in drives:
             raise UserError(f"{path}: two drives are named '{table['name']}'")
-        found[table["name"]] = (
+        drives[table["name"]] = (
             table["kind"],
             {k: v for k, v in table.items() if k not in ("name", "kind")},
         )
-    return found
+    return drives

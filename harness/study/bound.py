@@ -118,7 +118,7 @@ def of_study(evaluator: StudyEvaluator, rmse_of: Callable[[StudyEvaluator, Unit]
         evaluator: Of the study.
         rmse_of: Returns the RMSE of each target over a unit, SI.
     """
-    study, found = evaluator.study, {}
+    study, bounds = evaluator.study, {}
     for index, design in enumerate(study.designs):
         if design.sampling != "sobol":
             continue
@@ -127,10 +127,10 @@ def of_study(evaluator: StudyEvaluator, rmse_of: Callable[[StudyEvaluator, Unit]
             units = [Unit(index, band, drive, 0, design.samples) for drive in range(len(study.drives))]
             per_band.append(np.median([rmse_of(evaluator, unit) for unit in units], axis=0))
         table = np.array(per_band).T
-        found[design.name] = {
+        bounds[design.name] = {
             t: [float(v) if np.isfinite(v) else None for v in row] for t, row in zip(study.targets, table, strict=False)
         }
-    return found
+    return bounds
 
 
 def smallest_rmse(evaluator: StudyEvaluator, unit: Unit) -> Floats:
@@ -139,18 +139,18 @@ def smallest_rmse(evaluator: StudyEvaluator, unit: Unit) -> Floats:
     Raises:
         UserError: If the truth of a state of the belief is not known.
     """
-    known = KnownRuns.of_unit(evaluator, unit)
+    runs = KnownRuns.of_unit(evaluator, unit)
     states, names = evaluator.compiled.belief.model.states, evaluator.compiled.truth_names
     lacking = [s for s in states if s not in names]
     if lacking:
         raise UserError(
             f"{evaluator.study.path}: report.bound: the plant has no state '{lacking[0]}', so there is no bound"
         )
-    truth = np.ascontiguousarray(known.truth[:, [names.index(s) for s in states]])
-    transitions, slopes, of_targets = _linearised(evaluator, truth, known.inputs, known.constants)
-    diagonal = [v[:, :, None] * np.eye(v.shape[1]) for v in (known.walk, known.noise, known.first)]
+    truth = np.ascontiguousarray(runs.truth[:, [names.index(s) for s in states]])
+    transitions, slopes, of_targets = _linearised(evaluator, truth, runs.inputs, runs.constants)
+    diagonal = [v[:, :, None] * np.eye(v.shape[1]) for v in (runs.walk, runs.noise, runs.first)]
     covariance = smallest_covariance(transitions, slopes, *diagonal)
-    return known.rmse(np.einsum("klti,klij,kltj->klt", of_targets, covariance, of_targets))
+    return runs.rmse(np.einsum("klti,klij,kltj->klt", of_targets, covariance, of_targets))
 
 
 def _linearised(
@@ -176,17 +176,17 @@ def _linearised(
 
 def smoothed_rmse(evaluator: StudyEvaluator, unit: Unit) -> Floats:
     """Return the RMSE of each target over the first runs of a unit, at most as many as there are lanes, SI."""
-    known, compiled = KnownRuns.of_unit(evaluator, unit), evaluator.compiled
+    runs, compiled = KnownRuns.of_unit(evaluator, unit), evaluator.compiled
     targets = evaluator.study.targets
-    states = smoothed(evaluator, known)
+    states = smoothed(evaluator, runs)
     s = np.empty((len(compiled.signals), LANES))
     rows = [compiled.truth_names.index(t) if t in compiled.truth_names else None for t in targets]
     squares = np.empty((len(states), LANES, len(targets)))
     for k, x in enumerate(states):
-        compiled.belief.kernels.signals(x, known.inputs[k], known.constants, s)
+        compiled.belief.kernels.signals(x, runs.inputs[k], runs.constants, s)
         for t, row in enumerate(rows):
-            squares[k, :, t] = np.nan if row is None else (s[t] - known.truth[k, row]) ** 2
-    return known.rmse(squares)
+            squares[k, :, t] = np.nan if row is None else (s[t] - runs.truth[k, row]) ** 2
+    return runs.rmse(squares)
 
 
 def smoothed(evaluator: StudyEvaluator, known: KnownRuns) -> Floats:
@@ -212,11 +212,11 @@ def smoothed(evaluator: StudyEvaluator, known: KnownRuns) -> Floats:
         S = slopes @ P @ slopes.swapaxes(-1, -2) + R
         weighed = np.linalg.solve(S, np.concatenate([slopes, rest[:, :, None]], axis=-1))  # S^-1 H and S^-1 e
         K = P @ weighed[:, :, :nx].swapaxes(-1, -2)
-        left = np.eye(nx) - K @ slopes
+        remainder = np.eye(nx) - K @ slopes
         x = np.ascontiguousarray(ahead + np.einsum("lia,la->il", K, rest))
-        P = left @ P @ left.swapaxes(-1, -2) + K @ R @ K.swapaxes(-1, -2)
+        P = remainder @ P @ remainder.swapaxes(-1, -2) + K @ R @ K.swapaxes(-1, -2)
         means[k], covariances[k] = x, P
-        back[k] = F.swapaxes(-1, -2) @ left.swapaxes(-1, -2)
+        back[k] = F.swapaxes(-1, -2) @ remainder.swapaxes(-1, -2)
         pull[k] = np.einsum("lji,laj,la->li", F, slopes, weighed[:, :, nx])
     behind = np.zeros((LANES, nx))
     for k in range(samples - 1, 0, -1):
@@ -232,11 +232,11 @@ def _true_values(evaluator: StudyEvaluator, plant: Floats, believed: Floats) -> 
     uncertain = {s.name: s.believed for s in study.belief.parameter_states}
     loads = {n: v for n, v in uncertain.items() if n in loading_parameters(study.belief.vehicle)}
     kept = {*uncertain, *(settled(study.belief.vehicle, study.belief.values, loads) if loads else ())}
-    names, found = study.plant.model().parameter_names, believed.copy()
+    names, values = study.plant.model().parameter_names, believed.copy()
     for i, name in enumerate(study.belief.model().parameter_names):
         if name in names and name not in kept:
-            found[:, i] = plant[:, names.index(name)]
-    return found
+            values[:, i] = plant[:, names.index(name)]
+    return values
 
 
 def _of_plant(names: tuple[str, ...], there: tuple[str, ...], plant: Floats, believed: Floats) -> Floats:

@@ -21,8 +21,8 @@ def read(folder: Path, study_hash: str, what: Literal["rmse", "smoothed"] = "rms
         UserError: If the file is damaged.
     """
     kept = content_of(folder)
-    found: Bounds = kept.get(what, {}) if kept.get("study_hash") == study_hash else {}
-    return found
+    bounds: Bounds = kept.get(what, {}) if kept.get("study_hash") == study_hash else {}
+    return bounds
 
 
 def content_of(folder: Path) -> dict[str, Any]:
@@ -35,7 +35,7 @@ def content_of(folder: Path) -> dict[str, Any]:
     if not path.is_file():
         return {}
     with refuse_damaged(path, "JSON text", "delete it: 'harness run' computes it again"):
-        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        if not isinstance(found, dict) or not isinstance(found.get("rmse"), dict):
+        content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        if not isinstance(content, dict) or not isinstance(content.get("rmse"), dict):
             raise ValueError("holds no table 'rmse'")
-        return found
+        return content

@@ -67,8 +67,8 @@ def digest(content: bytes | None) -> int:
 def of_files(root: Path, below: str = "") -> dict[str, str]:
     """Return the hashes of the files below a group but its own metadata, by their path within the store."""
     prefix = f"{below}/" if below else ""
-    found = [prefix + name for name in places.names(root / below) if name != "zarr.json"]
-    return {name: _hex(content) for name, content in zip(found, places.contents(root, found), strict=True)}
+    files = [prefix + name for name in places.names(root / below) if name != "zarr.json"]
+    return {name: _hex(content) for name, content in zip(files, places.contents(root, files), strict=True)}
 
 
 def _hex(content: bytes | None) -> str:
@@ -77,8 +77,8 @@ def _hex(content: bytes | None) -> str:
 
 def changed_files(root: Path, hashes: Mapping[str, str]) -> list[Fault]:
     """Return the files that are not what ``of_files`` said."""
-    found = zip(hashes.items(), places.contents(root, list(hashes)), strict=True)
-    return [Fault(name, content is None) for (name, wanted), content in found if _hex(content) != wanted]
+    checked = zip(hashes.items(), places.contents(root, list(hashes)), strict=True)
+    return [Fault(name, content is None) for (name, wanted), content in checked if _hex(content) != wanted]
 
 
 def declare(root: Path, design: str, dims: Mapping[str, Sequence[str]], units: tuple[int, int, int, int]) -> None:
@@ -128,12 +128,12 @@ def row_file(unit: Place) -> str:
 
 def finished(root: Path, design: str) -> dict[Place, float]:
     """Return the units of a design whose checksums, which are written last, are there, and when they were written."""
-    found = {}
+    times = {}
     for name, time in places.times(root / GROUP / design / "c").items():
         place = name.split("/")
         if len(place) == 4 and all(each.isdecimal() for each in place):
-            found[design, int(place[0]), int(place[1]), int(place[2])] = time
-    return found
+            times[design, int(place[0]), int(place[1]), int(place[2])] = time
+    return times
 
 
 def row(names: Iterable[str], written: Mapping[str, bytes | None]) -> bytes:
@@ -144,8 +144,8 @@ def row(names: Iterable[str], written: Mapping[str, bytes | None]) -> bytes:
         written: Content of the unit's chunk by array, ``None`` where it takes no file; other units may share the
             chunks of arrays that are not here.
     """
-    found = [digest(written[name]) if name in written else 0 for name in names]
-    return np.array(found, dtype="<u8").tobytes()
+    digests = [digest(written[name]) if name in written else 0 for name in names]
+    return np.array(digests, dtype="<u8").tobytes()
 
 
 def is_verifiable(attributes: Mapping[str, Any]) -> bool:
@@ -167,21 +167,21 @@ def faults(root: Path) -> list[Fault]:
     attributes: dict[str, Any] = dict(stores.group(root).attrs)
     if not is_verifiable(attributes):
         return []
-    found: list[Fault] = []
+    faulty_files: list[Fault] = []
     complete = True
     for design in names(attributes["designs"]):
         sums = opened(root, f"{GROUP}/{design}")
         if sums is None or not hasattr(sums, "shape"):
-            found.append(Fault(f"{GROUP}/{design}", not (root / GROUP / design / "zarr.json").exists()))
+            faulty_files.append(Fault(f"{GROUP}/{design}", not (root / GROUP / design / "zarr.json").exists()))
             continue
         about = dict(sums.attrs)
-        found += changed_files(root, about["files"])
+        faulty_files += changed_files(root, about["files"])
         units = [(design, *unit) for unit in np.ndindex(*sums.shape[:3])]
         for first in range(0, len(units), _AT_ONCE):
             for faulty in _of_units(root, about, units[first : first + _AT_ONCE]):
                 complete = complete and faulty is not None
-                found += faulty or []
-    return found + _of_histories(root, int(attributes[GROUP]["histories"]), complete)
+                faulty_files += faulty or []
+    return faulty_files + _of_histories(root, int(attributes[GROUP]["histories"]), complete)
 
 
 def names(designs: Any) -> list[str]:
@@ -211,10 +211,10 @@ def _of_units(root: Path, about: Mapping[str, Any], units: Sequence[Place]) -> I
     """Return what is wrong with the files of each unit; ``None`` for one that is to come."""
     files = [chunk_files(about, unit) for unit in units]
     wanted = [name for unit, own in zip(units, files, strict=True) for name in (row_file(unit), *own.values())]
-    found = dict(zip(wanted, places.contents(root, wanted), strict=True))
+    contents = dict(zip(wanted, places.contents(root, wanted), strict=True))
     for unit, own in zip(units, files, strict=True):
-        is_to_come = found[own[STATUS]] is None and found[row_file(unit)] is None
-        yield None if is_to_come else list(_of_unit(unit, own, found))
+        is_to_come = contents[own[STATUS]] is None and contents[row_file(unit)] is None
+        yield None if is_to_come else list(_of_unit(unit, own, contents))
 
 
 def _of_unit(unit: Place, files: Mapping[str, str], found: Mapping[str, bytes | None]) -> Iterator[Fault]:

@@ -174,14 +174,14 @@ def check_workers(client: Client, study: Study, folder: Path, console: Console) 
             "machines see the project folder and registered files under the same path"
         ) from None
     others = set()
-    for address, found in answers.items():
-        if not found["sees_store"]:
+    for address, answer in answers.items():
+        if not answer["sees_store"]:
             raise UserError(
-                f"worker {address} on {found['host']} does not see {folder.resolve()}; choose a folder that all "
+                f"worker {address} on {answer['host']} does not see {folder.resolve()}; choose a folder that all "
                 "machines share with --out"
             )
-        _refuse_other_code(f"worker {address} on {found['host']}", expected, found)
-        others |= {found["processor"]} - {processor()}
+        _refuse_other_code(f"worker {address} on {answer['host']}", expected, answer)
+        others |= {answer["processor"]} - {processor()}
     if others:
         console.print(
             Text(f"warning: workers have other processors ({', '.join(sorted(others))}); last bits may differ"),
@@ -266,8 +266,9 @@ def evaluate(
 
 def _report_lost(before: Collection[str], now: set[str], console: Console) -> set[str]:
     for address in sorted(set(before) - now):
-        left = f"{len(now)} left" if now else "none is left, so this waits for one (Ctrl-C keeps what is finished)"
-        console.print(Text(f"lost worker {address}: its units are done again; {left}"), style="yellow", soft_wrap=True)
+        remaining = f"{len(now)} left" if now else "none is left, so this waits for one (Ctrl-C keeps what is finished)"
+        lost = f"lost worker {address}: its units are done again; {remaining}"
+        console.print(Text(lost), style="yellow", soft_wrap=True)
     return now
 
 

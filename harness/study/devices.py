@@ -29,6 +29,6 @@ def device(name: str) -> ModuleType:
     from importlib.metadata import entry_points  # which brings the package email with it
 
     for point in entry_points(group=GROUP, name=name):
-        found: ModuleType = point.load()()
-        return found
+        module: ModuleType = point.load()()
+        return module
     raise UserError(f"no installed package has a device '{name}'")

@@ -28,14 +28,14 @@ def differences(stored: Mapping[str, Any], now: Mapping[str, Any], study: Study)
         return f"holds the result of study '{stored.get('study_name')}', not of '{study.name}'"
     if stored.get("study_hash") != study.hash:
         return f"holds the result of another study called '{study.name}': {_of_texts(stored.get('study'), study.text)}"
-    found = []
+    causes = []
     if stored.get("versions") != now["versions"]:
         here, there = _decoded(now["versions"]), _decoded(stored.get("versions"))
-        found.append(f"with other package versions or on another device ({_listed(_of_values(there, here))})")
+        causes.append(f"with other package versions or on another device ({_listed(_of_values(there, here))})")
     if stored.get("engine") != now["engine"]:
         commits = f"{_short(stored.get('commit'))} there, {_short(now['commit'])} here"
-        found.append(f"by other code of this project or of a component from outside (commit {commits})")
-    return f"was computed {' and '.join(found)}" if found else ""
+        causes.append(f"by other code of this project or of a component from outside (commit {commits})")
+    return f"was computed {' and '.join(causes)}" if causes else ""
 
 
 def _of_texts(there: Any, here: str) -> str:

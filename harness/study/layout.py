@@ -45,11 +45,11 @@ def create(study: Study, evaluator: StudyEvaluator, path: Path, attributes: Mapp
     root: Any = stores.group(path, mode="w")
     root.attrs.update(dict(attributes))
     for design in study.designs:
-        known = _known(study, design, evaluator)
-        stores.write(known, path, design.name)
+        coordinates = _known(study, design, evaluator)
+        stores.write(coordinates, path, design.name)
         of_group: Any = root[design.name].attrs
         of_group.pop("coordinates", None)  # xarray's word on coordinates of the scores, which have it themselves
-        dims = _declare_scores(study, design, evaluator, root, known)
+        dims = _declare_scores(study, design, evaluator, root, coordinates)
         checksums.declare(path, design.name, dims, (design.bands, *unit_counts(study, design), len(study.drives)))
 
 
@@ -65,10 +65,10 @@ def _declare_scores(
         "estimator": len(study.estimators), "target": len(study.targets), "window": kept[0] if kept else 0,
     }  # fmt: skip
     own = {"band": 1, "sample": samples, "drive": 1, "repeat": repeats}
-    found = {}
+    dims_of = {}
     for name, (dims, dtype, attributes) in _scores(bool(kept)).items():
         shape = [sizes[d] for d in dims]
-        beside = sorted(str(n) for n, c in known.coords.items() if n not in known.dims and set(c.dims) <= set(dims))
+        auxiliary = sorted(str(n) for n, c in known.coords.items() if n not in known.dims and set(c.dims) <= set(dims))
         fill = {} if name == STATUS else {"_FillValue": "AAAAAAAA+H8="}  # NaN, as xarray spells it
         root.create_array(
             f"{design.name}/{name}",
@@ -79,28 +79,28 @@ def _declare_scores(
             dtype=dtype,
             fill_value=PENDING if name == STATUS else np.nan,  # a chunk that holds nothing else takes no file
             dimension_names=dims,
-            attributes={**attributes, "coordinates": " ".join(beside), **fill},
+            attributes={**attributes, "coordinates": " ".join(auxiliary), **fill},
         )
-        found[name] = list(dims)
-    return found
+        dims_of[name] = list(dims)
+    return dims_of
 
 
 def _scores(over_time: bool) -> dict[str, tuple[tuple[str, ...], str, dict[str, Any]]]:
     """Return dimensions, type and attributes of each array of scores."""
     of_target = {"units": "unit of the target"}
-    found: dict[str, tuple[tuple[str, ...], str, dict[str, Any]]] = {
+    scores: dict[str, tuple[tuple[str, ...], str, dict[str, Any]]] = {
         name: ((*_RUN, "target"), "float64", {"long_name": MEANINGS[name], **of_target}) for name in PER_TARGET
     }
     for name in PER_RUN:
         unit = "s" if name == "time_of_divergence" else "1"
-        found[name] = (_RUN, "float64", {"long_name": MEANINGS[name], "units": unit})
+        scores[name] = (_RUN, "float64", {"long_name": MEANINGS[name], "units": unit})
     if over_time:
         dims = ("band", "sample", "repeat", "estimator", "target", "window")  # kept along one drive only
-        found[OVER_TIME] = (dims, "float32", {"long_name": MEANINGS[OVER_TIME], **of_target})
-    found[LOST_CONTROL] = (_RUN[:-1], "float64", {"long_name": MEANINGS[LOST_CONTROL], "units": "s"})
+        scores[OVER_TIME] = (dims, "float32", {"long_name": MEANINGS[OVER_TIME], **of_target})
+    scores[LOST_CONTROL] = (_RUN[:-1], "float64", {"long_name": MEANINGS[LOST_CONTROL], "units": "s"})
     flags = {"flag_values": list(FLAGS.values()), "flag_meanings": " ".join(FLAGS)}  # as CF has them
-    found[STATUS] = (_RUN, "int8", {"long_name": MEANINGS[STATUS], **flags})
-    return found
+    scores[STATUS] = (_RUN, "int8", {"long_name": MEANINGS[STATUS], **flags})
+    return scores
 
 
 def _known(study: Study, design: DesignSpec, evaluator: StudyEvaluator) -> xr.Dataset:

@@ -29,8 +29,8 @@ def published(model: Model) -> tuple[str, ...]:
 
 def lateral_signal(model: Model, body: str) -> str | None:
     """Return the signal that is the lateral velocity of a body's CoG; ``None`` if it follows from others."""
-    found = model.bodies[body].lateral_velocity
-    return found.name if isinstance(found, sp.Symbol) else None
+    velocity = model.bodies[body].lateral_velocity
+    return velocity.name if isinstance(velocity, sp.Symbol) else None
 
 
 def motion(plan: GroundPlan, model: Model, everything: xr.Dataset, parameters: Mapping[str, float]) -> xr.Dataset:
@@ -56,9 +56,9 @@ def motion(plan: GroundPlan, model: Model, everything: xr.Dataset, parameters: M
     for body in bodies[1:]:
         heading[body] = heading[bodies[0]] + values["articulation_angle"]
     first = heading[bodies[0]]
-    forward, left, _ = moving[bodies[0]]
-    places = {bodies[0]: (_integrated(forward * np.cos(first) - left * np.sin(first), time),
-                          _integrated(forward * np.sin(first) + left * np.cos(first), time))}  # fmt: skip
+    forward, lateral, _ = moving[bodies[0]]
+    places = {bodies[0]: (_integrated(forward * np.cos(first) - lateral * np.sin(first), time),
+                          _integrated(forward * np.sin(first) + lateral * np.cos(first), time))}  # fmt: skip
     for body in bodies[1:]:
         assert plan.coupling is not None
         ahead, own = plan.coupling
@@ -111,31 +111,34 @@ def dead_reckoned(
     Returns:
         ``x`` and ``y`` in m by estimator; without those whose states do not say how the body moves.
     """
-    first, known = next(iter(model.bodies), None), set.intersection(*(set(h) for h in held.values())) if held else set()
-    moves = [] if first is None else [_expanded(e, model, known) for e in _motion_of(model, first)]
+    first, available = (
+        next(iter(model.bodies), None),
+        set.intersection(*(set(h) for h in held.values())) if held else set(),
+    )
+    moves = [] if first is None else [_expanded(e, model, available) for e in _motion_of(model, first)]
     if len(moves) != 3 or any(e is None for e in moves):
         return {}
-    found = {}
+    paths = {}
     for name, values in held.items():
-        forward, left, rate = (np.broadcast_to(_evaluated(e, values), time.shape) for e in moves)
+        forward, lateral, rate = (np.broadcast_to(_evaluated(e, values), time.shape) for e in moves)
         heading = _integrated(rate, time)
-        path = (_integrated(forward * np.cos(heading) - left * np.sin(heading), time),
-                _integrated(forward * np.sin(heading) + left * np.cos(heading), time))  # fmt: skip
+        path = (_integrated(forward * np.cos(heading) - lateral * np.sin(heading), time),
+                _integrated(forward * np.sin(heading) + lateral * np.cos(heading), time))  # fmt: skip
         if np.isfinite(path[0]).sum() > 1:
-            found[name] = path
-    return found
+            paths[name] = path
+    return paths
 
 
 def _expanded(expr: sp.Expr, model: Model, known: set[str]) -> sp.Expr | None:
     """Return an expression in what is known, ports written out; ``None`` if it needs more."""
-    found = sp.sympify(expr)
+    expanded = sp.sympify(expr)
     for _ in range(len(model.ports) + 1):
-        unknown = [s for s in found.free_symbols if str(s) not in known]
+        unknown = [s for s in expanded.free_symbols if str(s) not in known]
         if not unknown:
-            return found
+            return expanded
         if any(str(s) not in model.ports for s in unknown):
             return None
-        found = found.subs({s: model.ports[str(s)] for s in unknown})
+        expanded = expanded.subs({s: model.ports[str(s)] for s in unknown})
     return None
 
 
@@ -146,8 +149,8 @@ def _motion_of(model: Model, body: str) -> tuple[sp.Expr, sp.Expr, sp.Expr]:
 
 def _evaluated(expr: sp.Expr, values: Mapping[str, Floats]) -> Floats:
     symbols = sorted(sp.sympify(expr).free_symbols, key=str)
-    found: Floats = sp.lambdify(symbols, expr, "numpy")(*(values[str(s)] for s in symbols))
-    return found
+    evaluated: Floats = sp.lambdify(symbols, expr, "numpy")(*(values[str(s)] for s in symbols))
+    return evaluated
 
 
 def _integrated(rate: Floats, time: Floats) -> Floats:

@@ -38,10 +38,10 @@ def engine_hash(study: Study) -> str:
     Raises:
         UserError: If an estimator's file is not there.
     """
-    found = parts(study)
+    components = parts(study)
     evaluated = [evaluate] if study.device == "cpu" else [evaluate, device(study.device)]
-    total = hashlib.sha256(sources.digest([*evaluated, *(m for m in found if sources.has_file(m))]).encode())
-    for module in found:
+    total = hashlib.sha256(sources.digest([*evaluated, *(m for m in components if sources.has_file(m))]).encode())
+    for module in components:
         if not sources.has_file(module):  # registered in a notebook
             total.update(sources.object_digest(module).encode())
     for spec in study.estimators:
@@ -53,20 +53,20 @@ def engine_hash(study: Study) -> str:
 
 def parts(study: Study) -> list[ModuleType]:
     """Return the components that a study uses, which ``evaluate`` finds by name and does not import."""
-    found = [ESTIMATORS.load(e.kind) for e in study.estimators]
+    components = [ESTIMATORS.load(e.kind) for e in study.estimators]
     for spec in (study.plant, study.belief):
-        found.append(VEHICLES.load(spec.vehicle))
-        found += [TYRES.load(spec.tyre)] if spec.tyre else []
-        found += [load_effect(name) for name in spec.effects]
-        found.append(SENSORS.load(spec.sensors))
+        components.append(VEHICLES.load(spec.vehicle))
+        components += [TYRES.load(spec.tyre)] if spec.tyre else []
+        components += [load_effect(name) for name in spec.effects]
+        components.append(SENSORS.load(spec.sensors))
     for drive in study.drives:
-        found.append(DRIVES.load(drive.kind))
+        components.append(DRIVES.load(drive.kind))
         for option in options_of(drive.kind):
             named = drive.options.get(option.name)
             if option.unit == "text" and isinstance(named, str):  # it may be a recording
                 reader = readers.reader_of(drive.base / named)
-                found += [] if reader is None else [reader]
-    return list(dict.fromkeys(found))
+                components += [] if reader is None else [reader]
+    return list(dict.fromkeys(components))
 
 
 def commit() -> str:

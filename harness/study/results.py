@@ -201,15 +201,15 @@ class Design:
         It is read part by part: Zarr takes a hundred times the bytes of small chunks while it reads them all at once.
         """
         data = self.data[name]
-        found = np.empty([data.sizes[d] for d in dims], dtype=data.dtype)
+        values = np.empty([data.sizes[d] for d in dims], dtype=data.dtype)
         own = data.encoding.get("preferred_chunks", {}).get("sample", 1)
         step = max(1, _CHUNKS_AT_ONCE // data.sizes["drive"]) * own if data.nbytes > _SMALL else data.sizes["sample"]
         for band in range(data.sizes["band"]):
             for first in range(0, data.sizes["sample"], step):
                 part = {"band": slice(band, band + 1), "sample": slice(first, first + step)}
                 place = tuple(part.get(d, slice(None)) for d in dims)
-                found[place] = data.isel(part).transpose(*dims).values
-        return found
+                values[place] = data.isel(part).transpose(*dims).values
+        return values
 
     @cached_property
     def strata(self) -> NDArray[np.int64]:

@@ -177,9 +177,9 @@ def _run(
     if client is not None:
         workers = sum(client.ncores().values())
     todo = [u for d in study.designs for u in units(study, d) if store is None or not store.was_done(u)]
-    left = sum(u.runs(study) for u in todo)
-    if store is not None and left < total:
-        console.print(f"{total - left:,} of {total:,} runs are in {store.path} already")
+    to_do = sum(u.runs(study) for u in todo)
+    if store is not None and to_do < total:
+        console.print(f"{total - to_do:,} of {total:,} runs are in {store.path} already")
     if todo:
         if client is not None:
             from harness.study import cluster
@@ -198,11 +198,11 @@ def _run(
             "started": started.isoformat(timespec="seconds"),
             "jobs": workers,
             **({} if study.device == "cpu" else {"device": devices.device(study.device).name()}),
-            "runs": left,
-            "resumed": total - left,
+            "runs": to_do,
+            "resumed": total - to_do,
             "compile_s": round(compiled - begin, 2),
             "duration_s": round(seconds, 2),
-            "runs_per_s": round(left / seconds, 1),
+            "runs_per_s": round(to_do / seconds, 1),
         }
         if client is None and (peak := peak_memory_mib()) is not None:
             record["peak_memory_mib"] = peak
@@ -227,16 +227,16 @@ def _plan(evaluator: StudyEvaluator, todo: Sequence[Unit], workers: int, console
 
     study = evaluator.study
     if study.device != "cpu" or plan.is_too_large_to_time(study):
-        found = plan.of(study, None, todo, workers)
-        _ask(found, console, agree)
+        planned = plan.of(study, None, todo, workers)
+        _ask(planned, console, agree)
         if study.device == "cpu":
             _warm_up(evaluator, workers, console)
-        return found
+        return planned
     _warm_up(evaluator, workers, console)
     with console.status("timing the first runs"):
-        found = plan.of(study, evaluator, todo, workers)
-    _ask(found, console, agree)
-    return found
+        planned = plan.of(study, evaluator, todo, workers)
+    _ask(planned, console, agree)
+    return planned
 
 
 def _ask(found: Plan, console: Console, agree: Agree | None) -> None:
@@ -265,7 +265,7 @@ def _evaluate(
     lock: Lock,
 ) -> None:
     """Evaluate units in threads or on a cluster, and show progress."""
-    study, left = evaluator.study, sum(u.runs(evaluator.study) for u in todo)
+    study, to_do = evaluator.study, sum(u.runs(evaluator.study) for u in todo)
     if study.device != "cpu":
         finished = _on_device(evaluator, store, todo, console)
     elif client is None:
@@ -275,9 +275,9 @@ def _evaluate(
 
         each = None if plan.seconds is None else plan.seconds * min(plan.workers, len(todo)) / len(todo)
         finished = cluster.evaluate(client, study, store.folder, todo, console, each)
-    columns = MofNCompleteColumn(), _Rate(total - left), TextColumn("left"), TimeRemainingColumn()
+    columns = MofNCompleteColumn(), _Rate(total - to_do), TextColumn("left"), TimeRemainingColumn()
     with bar(console, *columns, transient=False) as progress:
-        task = progress.add_task(study.name, total=total, completed=total - left)
+        task = progress.add_task(study.name, total=total, completed=total - to_do)
         for unit in finished:
             progress.advance(task, unit.runs(study))
             lock.check()

@@ -25,21 +25,21 @@ def read(folder: Path) -> dict[str, Any]:
     if not path.is_file():
         return {}
     with refuse_damaged(path, "JSON text", "delete it: the report is made without"):
-        found = json.loads(path.read_text(encoding="utf-8"))
-        if not isinstance(found, dict):
-            raise ValueError(f"holds a {type(found).__name__} in place of a table")
-        for name, value in found.items():
+        content = json.loads(path.read_text(encoding="utf-8"))
+        if not isinstance(content, dict):
+            raise ValueError(f"holds a {type(content).__name__} in place of a table")
+        for name, value in content.items():
             if not (isinstance(value, str) or (isinstance(value, int | float) and np.isfinite(value))):
                 raise ValueError(f"'{name}' is no text and no number")
-    return found
+    return content
 
 
 def faults(folder: Path) -> list[str]:
     """Return what is wrong with the files beside a store, in words with the remedy; they have no checksums."""
-    found = []
+    errors = []
     for look in (read, bound_file.content_of):
         try:
             look(folder)
         except UserError as error:
-            found.append(str(error))
-    return found
+            errors.append(str(error))
+    return errors

@@ -86,16 +86,16 @@ def faults(root: Path) -> list[Fault]:
     own = _fault(root)
     if own is not None and own.file == "zarr.json":
         return [own]  # nothing below can be trusted to be of this store
-    found = checksums.faults(root) + ([own] if own else [])
-    return found or ([] if _has_true_copies(root) else [Fault("zarr.json", False)])
+    faulty = checksums.faults(root) + ([own] if own else [])
+    return faulty or ([] if _has_true_copies(root) else [Fault("zarr.json", False)])
 
 
 def study_name(root: Path) -> str:
     """Return the name of the study that a store is of, from the copy where the root is damaged."""
     for group in (GROUP, ""):
         attributes = _attributes(root, group) or {}
-        if found := attributes.get(_COPY, attributes).get("study_name"):
-            return str(found)
+        if name := attributes.get(_COPY, attributes).get("study_name"):
+            return str(name)
     return "unknown"
 
 
@@ -104,10 +104,10 @@ def restore(root: Path) -> Fault | None:
 
     The copies of the other groups' metadata in the root go; ``consolidate_metadata`` makes them again.
     """
-    found = _fault(root)
-    if found is None:
+    fault = _fault(root)
+    if fault is None:
         return None
-    if found.file == "zarr.json":
+    if fault.file == "zarr.json":
         attributes = (_attributes(root, GROUP) or {})[_COPY]
         group = {"attributes": attributes, "zarr_format": 3, "node_type": "group"}
         places.write(root / "zarr.json", json.dumps(group, indent=2).encode())
@@ -115,13 +115,13 @@ def restore(root: Path) -> Fault | None:
         group = {"attributes": {}, "zarr_format": 3, "node_type": "group"}
         places.write(root / GROUP / "zarr.json", json.dumps(group, indent=2).encode())
         seal(root)
-    return found
+    return fault
 
 
 def _attributes(root: Path, group: str = "") -> dict[str, Any] | None:
     content = _content(root, group)
-    found = content.get("attributes") if content is not None else None
-    return found if isinstance(found, dict) else None
+    attributes = content.get("attributes") if content is not None else None
+    return attributes if isinstance(attributes, dict) else None
 
 
 def _content(root: Path, group: str = "") -> dict[str, Any] | None:
@@ -144,7 +144,7 @@ def _has_true_copies(root: Path) -> bool:
     copies = (own.get("consolidated_metadata") or {}).get("metadata", {})
     theirs = places.contents(root, [f"{name}/zarr.json" for name in copies])
     return all(
-        (found := _parsed(content)) is not None and _of_itself(found) == _of_itself(copy)
+        (parsed := _parsed(content)) is not None and _of_itself(parsed) == _of_itself(copy)
         for content, copy in zip(theirs, copies.values(), strict=True)
     )
 

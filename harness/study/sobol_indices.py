@@ -86,7 +86,7 @@ def sobol_indices(
     names = [str(i) for i in range(factors)]
     problem = {"num_vars": factors, "names": names, "bounds": [[0.0, 1.0]] * factors}
     with np.errstate(invalid="ignore", divide="ignore"):  # a resample of equal outcomes has no indices
-        found = sobol.analyze(
+        estimated = sobol.analyze(
             problem,
             values,
             calc_second_order=False,
@@ -97,14 +97,16 @@ def sobol_indices(
     ends = 50.0 * np.array([1.0 - level, 1.0 + level])
 
     def intervals(kind: str) -> tuple[Interval, ...]:
-        lower, upper = np.nanpercentile(found[f"{kind}_conf_all"], ends, axis=0)
-        return tuple(Interval(*map(float, row)) for row in zip(found[kind], lower, upper, strict=True))
+        lower, upper = np.nanpercentile(estimated[f"{kind}_conf_all"], ends, axis=0)
+        return tuple(Interval(*map(float, row)) for row in zip(estimated[kind], lower, upper, strict=True))
 
     lead = Interval(np.nan, np.nan, np.nan)
     if factors > 1:
-        one, other = np.argsort(-found["ST"], kind="stable")[:2]
-        resampled = found["ST_conf_all"][:, one] - found["ST_conf_all"][:, other]
-        lead = Interval(float(found["ST"][one] - found["ST"][other]), *map(float, np.nanpercentile(resampled, ends)))
+        first, second = np.argsort(-estimated["ST"], kind="stable")[:2]
+        resampled = estimated["ST_conf_all"][:, first] - estimated["ST_conf_all"][:, second]
+        lead = Interval(
+            float(estimated["ST"][first] - estimated["ST"][second]), *map(float, np.nanpercentile(resampled, ends))
+        )
     return Indices(values.size // (factors + 2), intervals("S1"), intervals("ST"), lead)
 
 
@@ -117,8 +119,8 @@ def converging(outcome: ArrayLike, factors: int, *, seed: int = 0, resamples: in
     values = np.asarray(outcome, dtype=np.float64)
     total = values.size // (factors + 2)
     sizes = [n for n in (1 << k for k in range(total.bit_length())) if FEWEST <= n <= total]
-    found = (sobol_indices(values[: n * (factors + 2)], factors, seed=seed, resamples=resamples) for n in sizes)
-    return [indices for indices in found if indices is not None]
+    growing = (sobol_indices(values[: n * (factors + 2)], factors, seed=seed, resamples=resamples) for n in sizes)
+    return [indices for indices in growing if indices is not None]
 
 
 def scored(rmse: Floats) -> Floats:

@@ -145,8 +145,8 @@ class Store:
             self._create(evaluator, empty)
             own = [name for name in places.names(empty) if name != "zarr.json"]
             there = places.contents(self.path, own)
-            for name, found, wanted in zip(own, there, places.contents(empty, own), strict=True):
-                if found != wanted:
+            for name, content, wanted in zip(own, there, places.contents(empty, own), strict=True):
+                if content != wanted:
                     places.write(self.path / name, wanted)
 
     def _forget(self, evaluator: StudyEvaluator, place: checksums.Place) -> None:
@@ -161,16 +161,16 @@ class Store:
 
     def _check_same_study(self) -> None:
         try:
-            found = dict(stores.group(self.path).attrs)
+            attributes = dict(stores.group(self.path).attrs)
         except UserError:
             raise
         except (FileNotFoundError, ValueError, KeyError) as error:
             raise UserError(f"{self.path} is not a result of this harness; choose another folder with --out") from error
-        if wrong := differences(found, self._attributes, self.study):
+        if wrong := differences(attributes, self._attributes, self.study):
             raise UserError(
                 f"{self.folder} {wrong}; choose another folder with --out, or throw that result away with --restart"
             )
-        self._attributes = {str(k): v for k, v in found.items()}
+        self._attributes = {str(k): v for k, v in attributes.items()}
 
     def _renew_words(self) -> None:
         """Take over what the study now says that decides no score: title, comments, limits."""

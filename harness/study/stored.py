@@ -69,8 +69,8 @@ def _places(folder: Path, beside: Path | None) -> list[Path]:
     """Return the folders in which files that a study names are looked for: its own, near the result, and here."""
     project = locations.project()
     near = [] if is_url(folder) else [p for above in folder.absolute().parents[:2] for p in (above, above / "studies")]
-    found = [beside, project and project / "studies", Path("studies"), *near, Path(), BUNDLED_STUDIES]
-    return list(dict.fromkeys(p for p in found if p is not None))
+    places_tried = [beside, project and project / "studies", Path("studies"), *near, Path(), BUNDLED_STUDIES]
+    return list(dict.fromkeys(p for p in places_tried if p is not None))
 
 
 def _files(study: Study) -> list[str]:
@@ -162,12 +162,12 @@ def _because(why: str) -> str:
 
 def _difference(values: np.ndarray, stored: np.ndarray) -> float:
     """Return the largest difference over the larger of both; infinite where only one is a number."""
-    one, other = values.astype(float), stored.astype(float)
-    if not np.array_equal(np.isnan(one), np.isnan(other)):
+    computed, other = values.astype(float), stored.astype(float)
+    if not np.array_equal(np.isnan(computed), np.isnan(other)):
         return np.inf
-    size = np.maximum(np.abs(one), np.abs(other))
+    size = np.maximum(np.abs(computed), np.abs(other))
     with np.errstate(invalid="ignore"):
-        shares = np.abs(one - other) / np.where(size > 0, size, 1.0)
+        shares = np.abs(computed - other) / np.where(size > 0, size, 1.0)
     return float(np.nanmax(shares, initial=0.0))
 
 

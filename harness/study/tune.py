@@ -96,7 +96,7 @@ def tune(
         for drive in range(len(study.drives))
         for r in range(repeats)
     ]
-    found = {}
+    tunings = {}
     for index, spec in enumerate(chosen):
         if not evaluator.compiled.estimators[index].has_covariance:
             continue
@@ -108,8 +108,8 @@ def tune(
         before = -float(loss(np.zeros((len(NOISE_GROUPS), 1)))[0])
         best, lowest = evolve(loss, np.zeros(len(NOISE_GROUPS)), population, budget, study.seed)
         factors = {g: float(10.0**e) for g, e in zip(NOISE_GROUPS, best, strict=True)}
-        found[spec.name] = Tuning(factors, before, -lowest)
-    return found
+        tunings[spec.name] = Tuning(factors, before, -lowest)
+    return tunings
 
 
 def evolve(
@@ -216,6 +216,6 @@ def tuning_text(
         "drives": [d.name for d in study.drives],
         **how,
         "seed": study.seed,
-        "estimator": {name: {g: found.get(g, 1.0) for g in NOISE_GROUPS} for name, found in factors.items()},
+        "estimator": {name: {g: given.get(g, 1.0) for g in NOISE_GROUPS} for name, given in factors.items()},
     }
     return toml_text(content, f"Written by: {command}", {("estimator", name): said for name, said in gains.items()})

@@ -90,8 +90,8 @@ def _verify(folder: Path, find: Callable[[], Study], sample: int, seed: int | No
         lost = sealed_root.faults(path)
         attributes = dict(stores.group(path).attrs) if not lost else {}
     files = len(places.names(path))
-    if not lost and (beside := run_file.faults(folder)):
-        raise UserError(beside[0])
+    if not lost and (record_faults := run_file.faults(folder)):
+        raise UserError(record_faults[0])
     if lost or not sample:
         return Verification(files, lost, 0, [], [], 0, "")
     try:
@@ -105,16 +105,16 @@ def _verify(folder: Path, find: Callable[[], Study], sample: int, seed: int | No
             "this result with --study, or none to compute with --sample 0"
         )
     done = {place for d in study.designs for place in finished(path, d.name)}
-    found = [u for d in study.designs for u in units(study, d) if place_of(study, u) in done]
-    drawn = np.random.default_rng(seed).permutation(len(found))[:sample]
-    chosen = [found[i] for i in sorted(drawn)]
+    in_store = [u for d in study.designs for u in units(study, d) if place_of(study, u) in done]
+    drawn = np.random.default_rng(seed).permutation(len(in_store))[:sample]
+    chosen = [in_store[i] for i in sorted(drawn)]
     evaluate = evaluator_of(study)
     differing = [
         f"{_in_words(study, u)}: '{array}' computed again is not what is stored"
         for u in chosen
         if (array := _first_difference(path, study, evaluate, u))
     ]
-    return Verification(files, lost, len(found), chosen, differing, sum(u.runs(study) for u in chosen), other)
+    return Verification(files, lost, len(in_store), chosen, differing, sum(u.runs(study) for u in chosen), other)
 
 
 def _device(attributes: dict[str, Any]) -> Device:
@@ -132,8 +132,8 @@ def evaluator_of(study: Study) -> Callable[[Unit], dict[str, NDArray[np.generic]
     elsewhere = device(study.device).evaluator(evaluator)
 
     def evaluate(unit: Unit) -> dict[str, NDArray[np.generic]]:
-        ((_, found),) = elsewhere.evaluate([unit])
-        return dict(found)
+        ((_, scores),) = elsewhere.evaluate([unit])
+        return dict(scores)
 
     return evaluate
 

@@ -90,11 +90,11 @@ class WorstCase:
     @property
     def front(self) -> list[NoiseCandidate]:
         """The candidates of which none other is better in both, by their nominal error."""
-        found: list[NoiseCandidate] = []
-        for one in sorted(self.tried, key=lambda c: (c.nominal, c.worst)):
-            if not found or one.worst < found[-1].worst:
-                found.append(one)
-        return found
+        front: list[NoiseCandidate] = []
+        for candidate in sorted(self.tried, key=lambda c: (c.nominal, c.worst)):
+            if not front or candidate.worst < front[-1].worst:
+                front.append(candidate)
+        return front
 
 
 @dataclasses.dataclass(frozen=True)
@@ -153,11 +153,11 @@ def tune_for_worst_case(
     if not tuned or (only and len(tuned) < len(chosen)):
         raise UserError(f"{study.path}: an estimator that believes no noise has nothing to tune: {chosen[0].name}")
     training = _simulated(evaluator, points)
-    found = {}
+    tunings = {}
     for index in tuned:
         progress(chosen[index].name)
-        found[chosen[index].name] = _Search(evaluator, index, training, jobs).run(budget, weights)
-    return found
+        tunings[chosen[index].name] = _Search(evaluator, index, training, jobs).run(budget, weights)
+    return tunings
 
 
 def box_of(study: Study, design: DesignSpec, points: int) -> DesignSpec:
@@ -228,9 +228,9 @@ class _Search:
         def loss(exponents: Floats) -> Floats:
             rows = [dict(zip(self.groups, 10.0**row, strict=True)) for row in np.atleast_2d(exponents.T)]
             parallel = joblib.Parallel(n_jobs=min(self.jobs or joblib.cpu_count(), len(rows)), backend="threading")
-            found = parallel(joblib.delayed(self.candidate)({g: float(f) for g, f in row.items()}) for row in rows)
-            self.tried.extend(found)
-            return np.array([_traded(c, weight) for c in found])
+            candidates = parallel(joblib.delayed(self.candidate)({g: float(f) for g, f in row.items()}) for row in rows)
+            self.tried.extend(candidates)
+            return np.array([_traded(c, weight) for c in candidates])
 
         return loss
 
@@ -278,10 +278,10 @@ def write_worst_case(
     """
     rule = f"smallest conditional value at risk of the error at 95 % over the box of design '{design.name}'"
     gains = {
-        name: f"worst case {one.before.worst:.3g} before, {one.after.worst:.3g} after, "
-        f"nominal error {one.after.nominal:.3g}"
-        for name, one in found.items()
+        name: f"worst case {tuned.before.worst:.3g} before, {tuned.after.worst:.3g} after, "
+        f"nominal error {tuned.after.nominal:.3g}"
+        for name, tuned in found.items()
     }
-    factors = {name: one.after.factors for name, one in found.items()}
+    factors = {name: tuned.after.factors for name, tuned in found.items()}
     how = {"budget": budget, "points": points}
     write_files(path.parent, {path.name: tuning_text(study, rule, how, factors, gains, command)})

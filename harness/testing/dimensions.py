@@ -50,10 +50,10 @@ def dimension(expr: sp.Expr, known: Mapping[str, UnitsContainer]) -> UnitsContai
     """
 
     def same(parts: Iterable[sp.Expr], where: sp.Basic) -> UnitsContainer | None:
-        found = {part: dimension(part, known) for part in parts}
-        kinds = {d for d in found.values() if d is not None}
+        dimensions = {part: dimension(part, known) for part in parts}
+        kinds = {d for d in dimensions.values() if d is not None}
         if len(kinds) > 1:
-            listed = "; ".join(f"{part} in {d}" for part, d in found.items())
+            listed = "; ".join(f"{part} in {d}" for part, d in dimensions.items())
             raise DimensionError(f"{where} mixes {listed}")
         return kinds.pop() if kinds else None
 
@@ -114,8 +114,8 @@ def check_dimensions(model: Model) -> int:
     def signal(name: str) -> UnitsContainer:
         return dimension_of(SIGNALS[name.removeprefix("sensor_")].unit)
 
-    known = {p.name: dimension_of(p.unit) for p in model.parameters}
-    known |= {name: signal(name) for name in (*model.states, *model.inputs, *model.ports, "time")}
+    units = {p.name: dimension_of(p.unit) for p in model.parameters}
+    units |= {name: signal(name) for name in (*model.states, *model.inputs, *model.ports, "time")}
     wanted = [(name, expr, signal(name)) for name, expr in model.ports.items()]
     per_time = dimension_of("") if model.discrete else dimension_of("s")
     wanted += [
@@ -125,26 +125,26 @@ def check_dimensions(model: Model) -> int:
     wanted += [(f"output {name}", expr, signal(name)) for name, expr in model.outputs.items()]
     for name, expr, unit in wanted:
         try:
-            found = dimension(expr, known)
+            derived = dimension(expr, units)
         except DimensionError as error:
             raise DimensionError(f"{model.name}, {name}: {error}") from error
-        if found is not None and found != unit:
-            raise DimensionError(f"{model.name}, {name}: {found} instead of {unit}")
+        if derived is not None and derived != unit:
+            raise DimensionError(f"{model.name}, {name}: {derived} instead of {unit}")
     return len(wanted)
 
 
 def _with_helpers(files: Iterable[ModuleType | None]) -> list[ModuleType]:
     """Return files with the modules of the project from which they take functions or constants."""
-    found: dict[str, ModuleType] = {}
+    helpers: dict[str, ModuleType] = {}
     for file in files:
         if file is None:
             continue
-        found[file.__name__] = file
+        helpers[file.__name__] = file
         for part in vars(file).values():
             home = part if isinstance(part, ModuleType) else sys.modules.get(getattr(part, "__module__", ""))
             if home is not None and is_own(home):
-                found[home.__name__] = home
-    return list(found.values())
+                helpers[home.__name__] = home
+    return list(helpers.values())
 
 
 def assemble_with_units(vehicle: ModuleType, tyre: ModuleType | None, **parts) -> Model:

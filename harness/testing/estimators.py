@@ -119,8 +119,8 @@ def _check_textbook(name: str, settings: Mapping[str, Any], missing: bool) -> No
     compiled = compiled_linear()
     g = Ground(Estimator(name, compiled, dict(settings)), compiled, np.array([1.5]), Q, R, P0, u, y)
     means, covariances, infos = step_through(g)
-    found = means, covariances, np.array([i.log_likelihood[0, 0] for i in infos])
-    for what, got, right in zip(("mean", "covariance", "likelihood"), found, textbook(u, y, A, B, C), strict=True):
+    computed = means, covariances, np.array([i.log_likelihood[0, 0] for i in infos])
+    for what, got, right in zip(("mean", "covariance", "likelihood"), computed, textbook(u, y, A, B, C), strict=True):
         off = float(np.abs(got - np.array(right)).max())
         where = " with missing measurements" if missing else ""
         require(off <= 1e-10, f"{name}: its {what} is {off:.1e} off the textbook's on a linear model{where}")

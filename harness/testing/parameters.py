@@ -24,7 +24,7 @@ def check_parameter_set(parameters: str | ModuleType) -> None:
             len(file.__doc__ or "") > SHORTEST, f"{name}: say in the docstring where the values come from, in sentences"
         )
         vehicle = load("vehicles", file.VEHICLE)
-        known: dict[str, Parameter] = {
+        declared: dict[str, Parameter] = {
             p.name: p for tyre in tyres_of(file.VEHICLE) for p in model(file.VEHICLE, tyre).parameters
         }
         own = {p.name for p in vehicle.PARAMETERS}
@@ -32,11 +32,11 @@ def check_parameter_set(parameters: str | ModuleType) -> None:
         for tyre in tyres_of(file.VEHICLE):  # of a tyre that the set is not for it has no value at all
             of_tyre = set(model(file.VEHICLE, tyre).parameter_names) - own
             needed |= of_tyre if of_tyre & set(file.VALUES) else set()
-        missing, strange = sorted(needed - set(file.VALUES)), sorted(set(file.VALUES) - set(known))
+        missing, strange = sorted(needed - set(file.VALUES)), sorted(set(file.VALUES) - set(declared))
         require(not missing, f"{name}: no value of {', '.join(missing)}")
         require(not strange, f"{name}: '{file.VEHICLE}' has no parameter {', '.join(strange)} on any tyre")
         for parameter, value in file.VALUES.items():
-            p = known[parameter]
+            p = declared[parameter]
             require(
                 p.lower <= value <= p.upper, f"{name}: {parameter} = {value:g} is outside {p.lower:g} to {p.upper:g}"
             )

@@ -39,8 +39,8 @@ def named(role: Role, component: str | ModuleType) -> Iterator[str]:
         yield component
         return
     name = components.name_of(component)
-    known = role.components().get(name)
-    if known is not None and known.load() is component:
+    component_there = role.components().get(name)
+    if component_there is not None and component_there.load() is component:
         yield name
         return
     components.register(role.word, component, name)
@@ -76,11 +76,11 @@ def model(vehicle: str, tyre: str | None, sensors: str | None = None) -> Model:
 @cache
 def fitting_sensors(vehicle: str, tyre: str | None) -> tuple[str, ...]:
     """Return the sets of sensors that measure what a vehicle publishes, the one that measures most first."""
-    found: dict[str, int] = {}
+    sizes: dict[str, int] = {}
     for sensors in ROLES["sensors"].names():
         with contextlib.suppress(ModelError):
-            found[sensors] = len(model(vehicle, tyre, sensors).outputs)
-    return tuple(sorted(found, key=lambda name: -found[name]))
+            sizes[sensors] = len(model(vehicle, tyre, sensors).outputs)
+    return tuple(sorted(sizes, key=lambda name: -sizes[name]))
 
 
 def evaluate(built: Model, expressions: list[sp.Expr], numbers: Mapping[str, float]) -> np.ndarray:

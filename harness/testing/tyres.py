@@ -45,10 +45,10 @@ def check_tyre(
         require(file.__doc__, f"{name}: write a docstring: its first line is what 'harness list' shows")
         check_parameters(file.PARAMETERS)
         require(check_dimensions(assemble_with_units(rig(), file)) >= 4, f"{name}: an equation has no unit")
-        found = tables(name) if values is None else [{f"{n}_11": v for n, v in values.items()}]
-        require(found, f"{name}: no parameter set has values for it; give check_tyre(..., values={{...}})")
+        tables_tried = tables(name) if values is None else [{f"{n}_11": v for n, v in values.items()}]
+        require(tables_tried, f"{name}: no parameter set has values for it; give check_tyre(..., values={{...}})")
         built = assemble(rig(), name)
-        for table in found:
+        for table in tables_tried:
             for load_ in loads(table, axle_load):
                 _check_force(name, built, table, load_)
                 if STIFFNESS in built.ports:
@@ -60,9 +60,9 @@ def check_tyre(
 def _check_force(name: str, built: Model, table: Mapping[str, float], load_: float) -> None:
     require(force(built, table, 0.0, load_) == 0.0, f"{name}: a force without slip at {load_:g} N")
     for slip in SLIPS:
-        left, right = force(built, table, slip, load_)[0], force(built, table, -slip, load_)[0]
-        require(np.isclose(left, -right, rtol=1e-12, atol=0), f"{name}: {left} to the left, {right} to the right")
-        require(left > 0, f"{name}: the force at slip {slip:g} is {left:g}, not to its own side")
+        there, right = force(built, table, slip, load_)[0], force(built, table, -slip, load_)[0]
+        require(np.isclose(there, -right, rtol=1e-12, atol=0), f"{name}: {there} to the left, {right} to the right")
+        require(there > 0, f"{name}: the force at slip {slip:g} is {there:g}, not to its own side")
 
 
 def _check_slope(name: str, built: Model, table: Mapping[str, float], load_: float) -> None:

@@ -91,9 +91,9 @@ def _check_outline(name: str) -> None:
 def _check_equations(name: str, tyre: str | None) -> None:
     built = model(name, tyre)
     require(len(built.derivatives) == len(built.states), f"{name}: not every state has one derivative")
-    known = {*built.states, *built.inputs, *built.parameter_names, *built.ports, "time"}
+    provided = {*built.states, *built.inputs, *built.parameter_names, *built.ports, "time"}
     read = {s.name for e in (*built.derivatives, *built.ports.values()) for s in e.free_symbols}
-    require(read <= known, f"{name}: equations read what nothing provides: {', '.join(sorted(read - known))}")
+    require(read <= provided, f"{name}: equations read what nothing provides: {', '.join(sorted(read - provided))}")
     require(set(built.rates.values()) <= set(built.inputs), f"{name}: a rate of what is no input")
     for axle in built.axles:
         for port in ("slip_angle", "vertical_load", "steady_lateral_force"):
@@ -111,9 +111,9 @@ def _check_numbers(name: str, tyre: str | None) -> None:
     rng = np.random.default_rng(0)
     still = random_point(built, name, rng) | dict.fromkeys((*built.states, *built.inputs), 0.0)
     for point in (still, *(random_point(built, name, rng) for _ in range(20))):
-        found = evaluate(built, list(built.derivatives), point)
+        rates = evaluate(built, list(built.derivatives), point)
         at = "at a standstill" if point is still else f"at {point}"
-        bad = [s for s, rate in zip(built.states, found, strict=True) if not np.isfinite(rate)]
+        bad = [s for s, rate in zip(built.states, rates, strict=True) if not np.isfinite(rate)]
         require(not bad, f"{name}: the derivative of {', '.join(bad)} is not finite {at}")
 
 

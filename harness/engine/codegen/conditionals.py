@@ -61,11 +61,11 @@ def lines(
         return loaded + [f"{name} = {text(expr)}" for name, expr in assignments.items()]
     conditions = _conditions(assignments, roots)
     blocks = list(_blocks(assignments, conditions))
-    found = [f"{name} = splat(0.0)" for name in _crossing(assignments, conditions, blocks)]
-    left = dict(loads)
+    code = [f"{name} = splat(0.0)" for name in _crossing(assignments, conditions, blocks)]
+    remaining = dict(loads)
 
     def block(read: Mapping[sp.Symbol, sp.Expr]) -> list[str]:
-        return [*_loaded(read.values(), left), *(line(name, expr) for name, expr in read.items())]
+        return [*_loaded(read.values(), remaining), *(line(name, expr) for name, expr in read.items())]
 
     def line(name: sp.Symbol, expr: sp.Expr) -> str:
         if name in stored:
@@ -76,16 +76,16 @@ def lines(
         every = {name: assignments[name] for name in names}
         choices = {name: expr.args[1:] for name, expr in every.items() if isinstance(expr, present)}
         if condition is None:
-            found += block(every)
+            code += block(every)
             for s in set().union(*(e.free_symbols for e in every.values())):
-                left.pop(s, None)
+                remaining.pop(s, None)
             continue
-        found += [f"if {there(condition)}:  # {' or '.join(sorted(condition))}"]
-        found += _indented(block(every | {name: with_it for name, (with_it, _) in choices.items()}))
+        code += [f"if {there(condition)}:  # {' or '.join(sorted(condition))}"]
+        code += _indented(block(every | {name: with_it for name, (with_it, _) in choices.items()}))
         others = {name: without for name, (_, without) in choices.items() if name not in stored}
         if others:
-            found += ["else:", *_indented(block(others))]
-    return found + _loaded(roots, left)
+            code += ["else:", *_indented(block(others))]
+    return code + _loaded(roots, remaining)
 
 
 def _loaded(read: Iterable[sp.Expr], loads: Mapping[sp.Symbol, str]) -> list[str]:
@@ -132,19 +132,19 @@ def _blocks(
 
     What is always computed comes as early as it can, so that a condition waits until most of its block is ready.
     """
-    left = dict.fromkeys(assignments)
+    remaining = dict.fromkeys(assignments)
 
     def ready(name: sp.Symbol) -> bool:
-        return not any(s in left for s in assignments[name].free_symbols)
+        return not any(s in remaining for s in assignments[name].free_symbols)
 
-    while left:
-        able = [name for name in left if ready(name)]
+    while remaining:
+        able = [name for name in remaining if ready(name)]
         condition = None if any(conditions[name] is None for name in able) else conditions[able[0]]
         block: list[sp.Symbol] = []
-        for name in list(left):
+        for name in list(remaining):
             if conditions[name] == condition and ready(name):
                 block.append(name)
-                del left[name]
+                del remaining[name]
         yield condition, block
 
 
@@ -155,10 +155,10 @@ def _crossing(
 ) -> list[sp.Symbol]:
     """Return what is computed under a condition and read in another block; the compiler wants it always defined."""
     home = {name: i for i, (_, names) in enumerate(blocks) for name in names}
-    found = dict.fromkeys(
+    crossing = dict.fromkeys(
         s
         for name, expr in assignments.items()
         for s in sorted(expr.free_symbols & assignments.keys(), key=str)
         if conditions[s] is not None and not isinstance(assignments[s], present) and home[s] != home[name]
     )
-    return list(found)
+    return list(crossing)

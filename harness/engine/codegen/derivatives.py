@@ -152,8 +152,8 @@ Straight = tuple[dict[sp.Symbol, sp.Expr], list[sp.Expr]]
 
 def _expanded(model: Model, wanted: Sequence[sp.Expr]) -> Straight:
     """Return expressions written out in states, inputs and parameters, with common subexpressions named."""
-    known = _expand(model)
-    roots = [_substitute(expr, known) for expr in wanted]
+    ports = _expand(model)
+    roots = [_substitute(expr, ports) for expr in wanted]
     shared, reduced = sp.cse(roots, symbols=sp.numbered_symbols("s_", real=True), order="none")
     return dict(shared), reduced
 
@@ -231,14 +231,14 @@ class _ForwardMode:
 
     def jacobian(self, rows: Sequence[sp.Expr], variables: Sequence[sp.Symbol]) -> Entries:
         """Return the non-zero derivatives of ``rows`` with respect to ``variables``."""
-        known: dict[sp.Symbol, dict[int, sp.Expr]] = {v: {j: sp.Integer(1)} for j, v in enumerate(variables)}
+        slopes: dict[sp.Symbol, dict[int, sp.Expr]] = {v: {j: sp.Integer(1)} for j, v in enumerate(variables)}
         for name, expr in self._original.items():
-            row = self._differentiate(expr, known)
+            row = self._differentiate(expr, slopes)
             if row:
-                known[name] = {j: self._name(value) for j, value in row.items()}
+                slopes[name] = {j: self._name(value) for j, value in row.items()}
         result: Entries = {}
         for i, expr in enumerate(rows):
-            for j, value in self._differentiate(expr, known).items():
+            for j, value in self._differentiate(expr, slopes).items():
                 result[i, j] = value
         return result
 

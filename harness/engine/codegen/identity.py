@@ -62,12 +62,12 @@ class _Expressions:
 
 def _sources(classes: Iterable[type]) -> list[str] | None:
     """Return a line for each class that is not SymPy's: its name and the digest of its source."""
-    found = []
+    sources = []
     for each in classes:
         if (each.__module__ or "sympy").partition(".")[0] == "sympy":  # of a function without definition it is None
             continue
         home = sys.modules[each.__module__]
         if not (has_file(home) and is_own(home)):
             return None
-        found.append(f"{each.__qualname__} of {digest([home])}")
-    return sorted(found)
+        sources.append(f"{each.__qualname__} of {digest([home])}")
+    return sorted(sources)

@@ -165,8 +165,8 @@ def splat(typingctx: Any, value: Any) -> Any:
 @intrinsic
 def with_tangent(typingctx: Any, value: Any, tangent: Any) -> Any:
     """Return the dual of a lane of values and a lane of tangents."""
-    known = (value, tangent) == (lane, lane)
-    return (dual(value, tangent) if known else None), lambda context, builder, sig, args: _pack(context, builder, *args)
+    fits = (value, tangent) == (lane, lane)
+    return (dual(value, tangent) if fits else None), lambda context, builder, sig, args: _pack(context, builder, *args)
 
 
 @intrinsic

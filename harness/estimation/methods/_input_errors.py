@@ -68,10 +68,10 @@ def state_noise(belief):
 
 def enlarged(variances, errors, first):
     """Return variances with the squares of rows of errors, from ``first`` on, added."""
-    found = np.empty(variances.shape)
+    total_variances = np.empty(variances.shape)
     for i in range(variances.shape[0]):
         total = get(variances, i)
         for c in range(errors.shape[1]):
             total = total + get(errors, first + i, c) * get(errors, first + i, c)
-        put(total, found, i)
-    return found
+        put(total, total_variances, i)
+    return total_variances

@@ -51,20 +51,20 @@ def with_measurement_noise(belief, r):
 def residual(after, work, y, a):
     """Return what is left of measurement ``a`` behind the correction, linearised at the prior; 0 if it is missing."""
     _, x_prior, _, predicted, H, _ = work
-    left = get(y, a) - get(predicted, a)
+    remainder = get(y, a) - get(predicted, a)
     for c in range(SEEN_STATES.shape[1]):
         j = SEEN_STATES[a, c]
         if j < 0:
             break
-        left = left - get(H, a, j) * (get(after.mean, j) - get(x_prior, j))
-    return select(get(y, a) == get(y, a), left, 0.0)
+        remainder = remainder - get(H, a, j) * (get(after.mean, j) - get(x_prior, j))
+    return select(get(y, a) == get(y, a), remainder, 0.0)
 
 
 def residual_square(after, work, y, a):
     """Return the expected square of that under the corrected distribution, ``e^2 + H P H'``; 0 where it is missing."""
     H = work[4]
-    left = residual(after, work, y, a)
-    square = left * left
+    remainder = residual(after, work, y, a)
+    square = remainder * remainder
     for c in range(SEEN_STATES.shape[1]):
         i = SEEN_STATES[a, c]
         if i < 0:

@@ -103,11 +103,11 @@ def take_away(L, v, n):
     repaired = splat(0.0)
     for k in range(n):
         pivot, other = get(L, k, k), get(v, k)
-        left = (pivot - other) * (pivot + other)
+        remainder = (pivot - other) * (pivot + other)
         least = 1e-14 * pivot * pivot
-        broken = left < least
+        broken = remainder < least
         repaired = select(broken, 1.0, repaired)
-        root = sqrt(select(broken, least, left))
+        root = sqrt(select(broken, least, remainder))
         c, s = select(pivot > 0.0, root / pivot, 1.0), select(pivot > 0.0, other / pivot, 0.0)
         put(root, L, k, k)
         for i in range(k + 1, n):

@@ -71,8 +71,8 @@ def step(before, u_before, u, y, belief, work, after, info):
     for i in range(NX):
         put(get(P_prior, i, i) + more * get(belief.process_noise, i), P_prior, i, i)
     for a in range(NY):
-        believed, found = get(belief.measurement_noise, a), get(before.memory, a)
-        put(believed if of_process else select(found > 0.0, found, believed), r, a)
+        believed, estimated = get(belief.measurement_noise, a), get(before.memory, a)
+        put(believed if of_process else select(estimated > 0.0, estimated, believed), r, a)
     correct(x_prior, P_prior, predicted, H, y, with_measurement_noise(belief, r), after, scratch, info)
     put(splat(0.0), info.repairs, 0)
     put(get(before.memory, NY), after.memory, NY)

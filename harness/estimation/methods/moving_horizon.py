@@ -179,22 +179,22 @@ def filter_window(fresh, arrival, samples, constants, work, filtered, covariance
         for j in range(NX):
             put(get(arrival, NX + i * NX + j), covariances, 0, i, j)
     for k in range(1, last + 1):
-        found, u_before = samples[k - 1, X : X + NX], samples[k, :NU]
-        next_covariance(found, u_before, constants, covariances[k - 1], ahead, P, w)
-        next_jacobian(found, u_before, constants, ahead, A, w)
+        before, u_before = samples[k - 1, X : X + NX], samples[k, :NU]
+        next_covariance(before, u_before, constants, covariances[k - 1], ahead, P, w)
+        next_jacobian(before, u_before, constants, ahead, A, w)
         for i in range(NX):
             value = get(ahead, i)
             for j in range(NX):
-                value = value + get(A, i, j) * (get(filtered, k - 1, j) - get(found, j))
+                value = value + get(A, i, j) * (get(filtered, k - 1, j) - get(before, j))
             put(value, lines, 1, i)
             put(get(P, i, i) + get(samples, k, Q + i), P, i, i)
             if fresh and k == last:
                 put(value, samples, k, X + i)
         here = samples[k, X : X + NX]
         linear_outputs(here, lines[1], samples[k, NU : 2 * NU], constants, H, outputs)
-        told = info if fresh and k == last else said
+        written = info if fresh and k == last else said
         y, r = samples[k, Y : Y + NY], samples[k, R : R + NY]
-        scalar_updates(lines[1], P, outputs[0], H, SEEN_STATES, y, r, filtered[k], covariances[k], scratch, told)
+        scalar_updates(lines[1], P, outputs[0], H, SEEN_STATES, y, r, filtered[k], covariances[k], scratch, written)
 
 
 def linear_outputs(found, x, u, constants, H, outputs):
@@ -228,14 +228,14 @@ def smooth_window(samples, constants, work, filtered, covariances):
                 value = value - get(covariances, k, i, j) * get(costate, j)
             put(value, state, i)
         if k > 0:
-            here, found = samples[k, X : X + NX], samples[k - 1, X : X + NX]
+            here, before = samples[k, X : X + NX], samples[k - 1, X : X + NX]
             linear_outputs(here, state, samples[k, NU : 2 * NU], constants, H, outputs)
             for a in range(NY):
-                left = (get(samples, k, Y + a) - get(outputs, 0, a)) / get(samples, k, R + a)
-                left = select(left == left, left, 0.0)
+                remainder = (get(samples, k, Y + a) - get(outputs, 0, a)) / get(samples, k, R + a)
+                remainder = select(remainder == remainder, remainder, 0.0)
                 for j in range(NX):
-                    put(get(costate, j) - get(H, a, j) * left, costate, j)
-            next_jacobian(found, samples[k, :NU], constants, ahead, A, w)
+                    put(get(costate, j) - get(H, a, j) * remainder, costate, j)
+            next_jacobian(before, samples[k, :NU], constants, ahead, A, w)
             for i in range(NX):
                 value = splat(0.0)
                 for j in range(NX):

@@ -66,13 +66,13 @@ def placed(network: Network, compiled: CompiledModel, path: Path) -> list[float]
         len(network.layers),
     ]
     for name, (lower, upper) in zip(network.inputs, network.input_range, strict=True):
-        measured, known = list(model.outputs), list(model.inputs)
-        if name not in measured and name not in known:
+        measured, given = list(model.outputs), list(model.inputs)
+        if name not in measured and name not in given:
             raise UserError(
                 f"{path}: the network reads '{name}', which the belief neither measures nor knows"
-                f"{closest(name, [*measured, *known])}; choose other sensors, or train a network for these"
+                f"{closest(name, [*measured, *given])}; choose other sensors, or train a network for these"
             )
-        place = measured.index(name) if name in measured else known.index(name)
+        place = measured.index(name) if name in measured else given.index(name)
         numbers += [float(name in measured), place, 0.5 * (lower + upper), 0.5 * (upper - lower)]
     for name, (lower, upper) in zip(network.outputs, network.output_range, strict=True):
         if name not in model.states:
@@ -192,15 +192,15 @@ def step(before, u_before, u, y, belief, work, after, info):
         value = select(filled, get(below, o), held)
         put(value, after.memory, first_out + o)
         put(select(filled, offset + gain * value, get(before.mean, state)), after.mean, state)
-    known = splat(1.0)
+    measured = splat(1.0)
     for i in range(n_in):
         at = 5 + 4 * i
         place, offset, gain = int(t[at + 1]), t[at + 2], t[at + 3]
         raw = get(y, place) if t[at] > 0.5 else get(u, place)
         missing = is_nan(raw)
-        known = select(missing & (seen == 0.0), 0.0, known)
+        measured = select(missing & (seen == 0.0), 0.0, measured)
         put(select(missing, get(before.memory, 1 + i), (raw - offset) / gain), after.memory, 1 + i)
-    put(seen + known, after.memory, 0)
+    put(seen + measured, after.memory, 0)
     used = splat(0.0)
     for i in range(NY):
         used = used + select(is_nan(get(y, i)), 0.0, 1.0)

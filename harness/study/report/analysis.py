@@ -164,12 +164,12 @@ class Findings:
             for first, second in self.pairs:
                 values = d.errors[t]
                 for b in range(len(d.bands)):
-                    one, other = values[b, first], values[b, second]
-                    result = statistics.compare(one, other, d.strata, seed=self.seed)
+                    first_values, second_values = values[b, first], values[b, second]
+                    result = statistics.compare(first_values, second_values, d.strata, seed=self.seed)
                     rows.append((t, first, second, b, result))
                 if len(d.bands) > 1:
-                    one, other = _over_bands(values[:, first], values[:, second])
-                    result = statistics.compare(one, other, d.strata, seed=self.seed)
+                    first_values, second_values = _over_bands(values[:, first], values[:, second])
+                    result = statistics.compare(first_values, second_values, d.strata, seed=self.seed)
                     rows.append((t, first, second, None, result))
         corrected = statistics.holm([row[4].p_value for row in rows])
         return [Paired(*row, float(p)) for row, p in zip(rows, corrected, strict=True)]
@@ -248,8 +248,8 @@ def _over_bands(
     both = ~np.isnan(first) & ~np.isnan(second)
     count = both.sum(axis=0)
     means = (np.where(both, x, 0.0).sum(axis=0) / np.maximum(count, 1) for x in (first, second))
-    one, other = (np.where(count > 0, mean, np.nan) for mean in means)
-    return one, other
+    first_mean, second_mean = (np.where(count > 0, mean, np.nan) for mean in means)
+    return first_mean, second_mean
 
 
 class Analysis:

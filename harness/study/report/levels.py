@@ -109,10 +109,10 @@ def _labels(design: Design, band: int) -> list[str]:
 
 def _amount(design: Design, index: int, band: int, label: str) -> str | None:
     """Return by how much a factor differs, e.g. ``30 % softer``; empty for nothing, ``None`` for another label."""
-    found, factor = _LABEL.fullmatch(label), design.factors[index]
-    if found is None or not factor.nominal:
+    match, factor = _LABEL.fullmatch(label), design.factors[index]
+    if match is None or not factor.nominal:
         return None
-    sign, size, unit, around = found.groups()
+    sign, size, unit, around = match.groups()
     number = float(sign + size)
     shift = (factor.lower[band] + factor.upper[band]) / 2 - factor.nominal
     stated = number / 100 * factor.nominal if unit == " %" else number

@@ -212,9 +212,9 @@ def _counts(designs: Sequence[Design]) -> list[str]:
     out = {d.name: (int(d.out_of_control.sum()), d.out_of_control.size) for d in designs}
     if lost := sum(n for n, _ in out.values()):
         where = listed([f"{n} of {size} in the design “{name}”" for name, (n, size) in out.items() if n])
-        of = f" ({where})" if len(designs) > 1 else ""
+        scope = f" ({where})" if len(designs) > 1 else ""
         counted.append(
-            f"In {lost} of {runs} runs{of} the vehicle itself goes out of control; "
+            f"In {lost} of {runs} runs{scope} the vehicle itself goes out of control; "
             "these are left out for every estimator."
         )
     names = dict.fromkeys(name for d in designs for name in d.estimators)
@@ -223,8 +223,8 @@ def _counts(designs: Sequence[Design]) -> list[str]:
         f"{name} diverged in {diverged[name]}" for name in sorted(names, key=lambda n: -diverged[n]) if diverged[name]
     ]:
         under_control = sum(d.compared() for d in designs)
-        of = f"{under_control} runs in which the vehicle stayed under control" if lost else f"{under_control} runs"
-        counted.append(f"Of {of}, {listed(losses)}.")
+        scope = f"{under_control} runs in which the vehicle stayed under control" if lost else f"{under_control} runs"
+        counted.append(f"Of {scope}, {listed(losses)}.")
     if pending := sum(d.count(PENDING, None, 0) for d in designs):
         counted.append(f"{pending} of {runs} runs are still to come.")
     return counted

@@ -77,8 +77,8 @@ class Ranking:
 
     def order(self, target: int) -> list[int]:
         """Return the factors by their mean total index over the estimators, largest first."""
-        known = [[t.value for t in found.total] for found in self.errors[target] if found is not None]
-        return [int(i) for i in np.argsort(-np.mean(known, axis=0), kind="stable")] if known else []
+        totals = [[t.value for t in indices.total] for indices in self.errors[target] if indices is not None]
+        return [int(i) for i in np.argsort(-np.mean(totals, axis=0), kind="stable")] if totals else []
 
 
 def limits_of(attributes: dict[str, Any]) -> dict[str, float]:
@@ -94,12 +94,12 @@ def tolerances(design: Design, limits: dict[str, float]) -> dict[tuple[int, int]
         design: The design.
         limits: Largest tolerable RMSE by target, SI; targets without one are left out.
     """
-    found = {}
+    by_target = {}
     for t, target in enumerate(design.targets):
         if target.name not in limits:
             continue
         for e in design.giving(t):
             errors = design.errors_under_control[t, :, e]
             worst = np.fmax.reduce(errors, axis=(1, 3), initial=0.0)  # over drives and repeats
-            found[t, e] = tolerance(worst, limits[target.name] * target.scale, len(design.factors))
-    return found
+            by_target[t, e] = tolerance(worst, limits[target.name] * target.scale, len(design.factors))
+    return by_target

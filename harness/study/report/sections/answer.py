@@ -69,8 +69,8 @@ def _standings(analysis: Analysis) -> list[Block]:
             sizes = [_two(mean, worst, len(design.bands)) for mean, worst in cells]
             target = [quantities[standing.target]] if several else []
             rows.append(["" if standing.target else design.name, *target, *sizes])
-    of = "" if several else f" of the {quantities[0]}"
-    caption = f"Median RMSE{of}: in the mean over the levels of each design, and below it at the worst level."
+    subject = "" if several else f" of the {quantities[0]}"
+    caption = f"Median RMSE{subject}: in the mean over the levels of each design, and below it at the worst level."
     if any(np.isinf(s.worst).any() for s in of_targets):
         caption += " ∞: most runs diverged."
     if any(d.out_of_control[b].all() for d in designs for b in range(len(d.bands))):
@@ -91,8 +91,8 @@ def _of_the_box(analysis: Analysis) -> list[Block]:
     items = [("What drives the error?", " ".join(sensitivity.in_short(f.ranking))) for f in boxes]
     limits = limits_of(analysis.store.attributes)
     for nested in (d for d in analysis.store.designs if d.sampling == "tolerance" and not d.count(PENDING)):
-        found = tolerance.told(nested, limits, tolerances(nested, limits))
-        borne = " ".join(f"For the {target.words}: {text}" for target, text in found)
+        limits_borne = tolerance.told(nested, limits, tolerances(nested, limits))
+        borne = " ".join(f"For the {target.words}: {text}" for target, text in limits_borne)
         items.append(("How far may all factors drift?", borne))
     shown = [f"{strong(question)} {plain(text)}" for question, text in items if text]
     return [Bullets(shown)] if shown else []
@@ -153,7 +153,7 @@ def _only_on(designs: Sequence[Design], estimator: str) -> str:
 def _consistent(findings: Findings, histories: Sequence[xr.Dataset]) -> tuple[str, str]:
     """Say what the stated covariances are worth where plant and belief agree, and where they are worst."""
     home = in_numbers.home(findings)
-    told: list[str] = []
+    sentences: list[str] = []
     ratios = np.array(
         [
             [findings.consistency("nees", b, e).ratio for e in findings.with_covariance]
@@ -163,8 +163,8 @@ def _consistent(findings: Findings, histories: Sequence[xr.Dataset]) -> tuple[st
     if np.isfinite(ratios).any():
         band, place = (int(k) for k in np.unravel_index(int(np.nanargmax(ratios)), ratios.shape))
         if band != home:
-            told += _worst_stated(findings, band, findings.with_covariance[place], histories)
-    return "" if home is None else _as_stated(findings, home), " ".join(told)
+            sentences += _worst_stated(findings, band, findings.with_covariance[place], histories)
+    return "" if home is None else _as_stated(findings, home), " ".join(sentences)
 
 
 def _as_stated(findings: Findings, band: int) -> str:
@@ -196,7 +196,7 @@ def _worst_stated(findings: Findings, band: int, e: int, histories: Sequence[xr.
     c, innovation = findings.consistency("nees", band, e), findings.consistency("nis", band, e)
     if not c.ratio > c.upper:
         return [f"NEES is nowhere much larger (at most {number(c.ratio)} times its expectation, {name} at {label})."]
-    told = [
+    sentences = [
         f"At {label} NEES is {number(c.ratio)} times its expectation for {name}: taken over all states the errors are "
         f"about {number(float(np.sqrt(c.ratio)), 2)} times the standard deviation that {name} states (the square root)."
     ]
@@ -207,15 +207,15 @@ def _worst_stated(findings: Findings, band: int, e: int, histories: Sequence[xr.
     if run is not None and shares:
         quantity, share = min(((q, shares[q.name]) for q in design.targets if q.name in shares), key=lambda i: i[1])
         if share < SURE:
-            told.append(
+            sentences.append(
                 f"In the run drawn at {label} the true {quantity.words} lies within ± 2σ of the estimate in only "
                 f"{100 * share:.0f} % of the samples (95 % expected): the filter is over-confident."
             )
     if abs(innovation.ratio - 1.0) < 0.1:
-        told.append(
+        sentences.append(
             f"The innovations do not reveal it: NIS there is {innovation.ratio:.2f} times its expectation, so a "
             "monitor of the innovations raises no alarm."
         )
     elif innovation.ratio > innovation.upper:
-        told.append(f"The innovations reveal it: NIS there is {number(innovation.ratio)} times its expectation.")
-    return told
+        sentences.append(f"The innovations reveal it: NIS there is {number(innovation.ratio)} times its expectation.")
+    return sentences

@@ -38,13 +38,13 @@ FEW = 20
 
 def blocks(analysis: Analysis) -> list[Block]:
     """Return the tables of the first design, whose figure is in the answer, and figures and tables of the others."""
-    found: list[Block] = []
+    content: list[Block] = []
     for number, findings in enumerate(analysis.levelled):
         if number:
-            found += [Heading(heading(findings.design)), Prose(plain(_explain(findings.design)))]
-            found += pictures(analysis, findings)
-        found += [table(findings, target) for target in range(len(findings.design.targets))]
-    return found
+            content += [Heading(heading(findings.design)), Prose(plain(_explain(findings.design)))]
+            content += pictures(analysis, findings)
+        content += [table(findings, target) for target in range(len(findings.design.targets))]
+    return content
 
 
 def _explain(design: Design) -> str:
@@ -229,8 +229,8 @@ def _picture(analysis: Analysis, findings: Findings, panels: list[Panel], height
             " Box: quartiles; line: median; thick bar: its 95 % bootstrap interval; whiskers: smallest and largest run."
         )
     if counts and min(counts) < FEW:
-        of = f" of a box with fewer than {FEW}" if max(counts) >= FEW else ""
-        caption += f" Points: the runs{of}; line: their median."
+        scope = f" of a box with fewer than {FEW}" if max(counts) >= FEW else ""
+        caption += f" Points: the runs{scope}; line: their median."
     caption += " n: runs of each estimator at a level, the same ones for all."
     if any(design.diverged(e) for e in range(len(design.estimators))):
         caption += " div.: of these, runs in which an estimator diverged; they count as larger than any other."
@@ -271,16 +271,16 @@ def _boxes(axes: Axes, analysis: Analysis, findings: Findings, panel: Panel) -> 
     axes.set_ylabel(f"RMSE of ${quantity.symbol}${style.in_unit(quantity.unit)}", parse_math=True)
     axes.set_title(quantity.words, loc="left")
     for name, values in best.items():
-        left, right = ([band + side for band in range(len(values))] for side in (-0.45, 0.45))
-        style.mark(axes.hlines(values, left, right, color="black", ls=_LINES[name], lw=1.0), "", name)
+        start, right = ([band + side for band in range(len(values))] for side in (-0.45, 0.45))
+        style.mark(axes.hlines(values, start, right, color="black", ls=_LINES[name], lw=1.0), "", name)
 
 
 def _box(axes: Axes, s: Summary, place: float, width: float, look: Look, most: float) -> list[Artist]:
     """Draw a box; what is infinite ends at ``most``, beyond the panel, so that it is open above."""
     low, high, upper, largest = np.minimum([s.median.lower, s.median.upper, s.upper_quartile, s.maximum], most)
-    left, right, gap = place - width / 2, place + width / 2, np.nan
+    start, right, gap = place - width / 2, place + width / 2, np.nan
     ends = [place - width / 4, place + width / 4, gap]
-    box = Rectangle((left, s.lower_quartile), width, upper - s.lower_quartile, fc=look.tint, ec=look.line, zorder=2)
+    box = Rectangle((start, s.lower_quartile), width, upper - s.lower_quartile, fc=look.tint, ec=look.line, zorder=2)
     box.set_hatch(look.hatch)
     axes.add_patch(box)
     return [
@@ -291,7 +291,7 @@ def _box(axes: Axes, s: Summary, place: float, width: float, look: Look, most: f
             color=look.line,
             lw=0.8,
         ),
-        *axes.plot([left, right], [s.median.value] * 2, color="black", lw=1.0),
+        *axes.plot([start, right], [s.median.value] * 2, color="black", lw=1.0),
         *axes.plot([place, place], [low, high], color="white", lw=3.6, solid_capstyle="butt"),
         *axes.plot([place, place], [low, high], color="black", lw=2.2, solid_capstyle="butt"),
     ]
@@ -313,8 +313,8 @@ def _at_best(analysis: Analysis, findings: Findings, target: int) -> dict[str, n
     """Return in each band the smallest RMSE possible, and what a smoother reaches, in report units, where asked for."""
     quantity, design = findings.design.targets[target], findings.design.name
     kept = {"bound": analysis.store.bounds, "smoother": analysis.store.smoothed}
-    found = {name: some.get(design, {}).get(quantity.name) for name, some in kept.items()}
-    return {n: np.array(v, dtype=float) * quantity.scale for n, v in found.items() if v is not None}
+    rows = {name: some.get(design, {}).get(quantity.name) for name, some in kept.items()}
+    return {n: np.array(v, dtype=float) * quantity.scale for n, v in rows.items() if v is not None}
 
 
 def scale_errors(axes: Axes, medians: NDArray[np.float64], errors: NDArray[np.float64]) -> float:

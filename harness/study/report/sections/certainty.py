@@ -62,7 +62,7 @@ def widths(data: xr.Dataset, target: str, number: NDArray[np.intp]) -> dict[str,
         number: From ``classes``.
     """
     step = float(data["time"].values[1] - data["time"].values[0])
-    found: dict[str, list[float]] = {}
+    by_estimator: dict[str, list[float]] = {}
     for name in data["estimator"].values:
         std = data["std"].sel(target=target, estimator=name).values
         if not np.isfinite(std).any() or not np.nanmax(std) > 0:
@@ -71,8 +71,8 @@ def widths(data: xr.Dataset, target: str, number: NDArray[np.intp]) -> dict[str,
         for kind in range(len(EDGES) - 1):
             mine = std[(number == kind) & np.isfinite(std)]
             row.append(float(np.median(mine)) if len(mine) * step >= _SPARSE else np.nan)
-        found[str(name)] = row
-    return found
+        by_estimator[str(name)] = row
+    return by_estimator
 
 
 def _label(kind: int) -> str:
@@ -95,12 +95,12 @@ def _run(data: xr.Dataset) -> list[Block]:
         if str(name) == acceleration:
             continue
         target = quantity(str(name))
-        found = widths(data, target.name, number)
-        for i, (estimator, row) in enumerate(found.items()):
+        widths_of = widths(data, target.name, number)
+        for i, (estimator, row) in enumerate(widths_of.items()):
             cells = [style.number(target.scale * row[k]) if np.isfinite(row[k]) else "–" for k in seen]
             unit = f" ({target.unit})" if target.unit else ""
             rows.append(["" if i else target.words + unit, estimator, *cells])
-        said += _sentence(target, found)
+        said += _sentence(target, widths_of)
     if not rows:
         return []
     which = run_in_words(data)
@@ -117,10 +117,10 @@ def _sentence(target: Quantity, found: dict[str, list[float]]) -> list[str]:
     if not found:
         return []
     table = np.array(list(found.values()))
-    known = np.isfinite(table).all(axis=0)
-    if known.sum() < 2:
+    finite = np.isfinite(table).all(axis=0)
+    if finite.sum() < 2:
         return []
-    middle = np.where(known, np.median(np.where(known, table, 0.0), axis=0), np.nan)
+    middle = np.where(finite, np.median(np.where(finite, table, 0.0), axis=0), np.nan)
     widest, narrowest = int(np.nanargmax(middle)), int(np.nanargmin(middle))
     if middle[widest] < SHOWN * middle[narrowest]:
         span = style.span(target.scale * middle[narrowest], target.scale * middle[widest], target.unit)
@@ -129,7 +129,7 @@ def _sentence(target: Quantity, found: dict[str, list[float]]) -> list[str]:
         f"{style.with_unit(target.scale * middle[widest], target.unit)} at {_label(widest)} m/s² and "
         f"{style.with_unit(target.scale * middle[narrowest], target.unit)} at {_label(narrowest)} m/s²"
     )
-    from_here = [k for k in range(len(middle)) if known[k] and middle[k] * SHOWN <= middle[widest]]
+    from_here = [k for k in range(len(middle)) if finite[k] and middle[k] * SHOWN <= middle[widest]]
     return [
         f"The {target.words} shows in the measurements at {' and at '.join(_label(k) for k in from_here)} m/s²: "
         f"the stated standard deviation is {numbers}."

@@ -82,15 +82,15 @@ def _ratios(axes: Axes, analysis: Analysis, findings: Findings, score: str) -> N
     extremes = [1.0]
     for number, e in enumerate(findings.with_covariance):
         look = analysis.looks[design.estimators[e]]
-        found = [findings.consistency(score, band, e) for band in range(len(design.bands))]
-        ratios, lower, upper = np.array([(c.ratio, c.lower, c.upper) for c in found]).T
-        known = np.isfinite(ratios)
-        places = np.arange(len(found))[known] + _place(findings, number)
-        heights = (upper - lower)[known]
+        per_band = [findings.consistency(score, band, e) for band in range(len(design.bands))]
+        ratios, lower, upper = np.array([(c.ratio, c.lower, c.upper) for c in per_band]).T
+        finite = np.isfinite(ratios)
+        places = np.arange(len(per_band))[finite] + _place(findings, number)
+        heights = (upper - lower)[finite]
         with style.series(axes, design.estimators[e]):
-            axes.bar(places, heights, 2.2 * half, bottom=lower[known], color="black", alpha=0.25, lw=0)
-            axes.plot(places, ratios[known], look.marker, ms=5.5, color=look.colour, mec="black", mew=0.4)
-        extremes += [*ratios[known], *lower[known], *upper[known]]
+            axes.bar(places, heights, 2.2 * half, bottom=lower[finite], color="black", alpha=0.25, lw=0)
+            axes.plot(places, ratios[finite], look.marker, ms=5.5, color=look.colour, mec="black", mew=0.4)
+        extremes += [*ratios[finite], *lower[finite], *upper[finite]]
     name = _SCORES[score]
     axes.set_title(f"{name}: above the bounds over-confident, below cautious", loc="left")
     axes.set_ylabel(f"{name} / expectation")

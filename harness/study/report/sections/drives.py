@@ -28,7 +28,7 @@ def blocks(analysis: Analysis) -> list[Block]:
     design = findings.design
     if len(design.drives) < 2:
         return []
-    found: list[Block] = [
+    content: list[Block] = [
         Prose(
             plain(
                 "Drives differ in speed and steadiness, hence in what they ask of an estimator, and a box mixes them. "
@@ -41,8 +41,8 @@ def blocks(analysis: Analysis) -> list[Block]:
     height = 0.42 + _TITLE_LINE * lines + _LINE * len(design.drives)
     per_page = max(1, int((style.TALLEST - 1.6) // height))
     for panels in of_targets:
-        found += [_picture(findings, panels[k : k + per_page], height) for k in range(0, len(panels), per_page)]
-    return found
+        content += [_picture(findings, panels[k : k + per_page], height) for k in range(0, len(panels), per_page)]
+    return content
 
 
 def shown(findings: Findings, target: int) -> list[int]:

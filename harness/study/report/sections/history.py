@@ -47,13 +47,13 @@ def _run(analysis: Analysis, data: xr.Dataset) -> list[Block]:
         if str(name).startswith("input_") and str(name).removeprefix("input_") not in {t.name for t in targets}
     ]
     inputs = [q for q in inputs if not q.name.endswith("_rate") and q.name != "time"]
-    found: list[Block] = []
+    content: list[Block] = []
     rows: list[Quantity] = [*targets, *inputs]
     per_page = int((style.TALLEST - 1.3) // _LOWEST)
     for some in np.array_split(np.arange(len(rows)), -(-len(rows) // per_page)):
-        found.append(_picture(data, [rows[i] for i in some], chosen))
-    found.append(_errors(data, targets, estimators))
-    return found
+        content.append(_picture(data, [rows[i] for i in some], chosen))
+    content.append(_errors(data, targets, estimators))
+    return content
 
 
 def _picture(data: xr.Dataset, rows: list[Quantity], chosen: dict[str, Look]) -> Picture:
@@ -87,11 +87,11 @@ def _picture(data: xr.Dataset, rows: list[Quantity], chosen: dict[str, Look]) ->
 
 def _ended(data: xr.Dataset) -> str:
     """Say which estimates end before the drive does, and when."""
-    known = np.isfinite(data["estimate"].values)
+    finite = np.isfinite(data["estimate"].values)
     time = data["time"].values
     parts = []
     for k, name in enumerate(data["estimator"].values):
-        samples = np.flatnonzero(known[:, k].any(axis=1))
+        samples = np.flatnonzero(finite[:, k].any(axis=1))
         if samples.size and samples[-1] < len(time) - 1:
             parts.append(f"{name} diverged after {time[samples[-1]]:.2f} s")
     return f" {'; '.join(parts)}: nothing is shown or counted from there on." if parts else ""
@@ -117,8 +117,8 @@ def _panel(axes: Axes, data: xr.Dataset, row: Quantity, chosen: dict[str, Look])
         if np.ptp(values) < 1e-6 * max(1.0, float(np.abs(values).max())):
             axes.set_ylim(values[0] - 1.0, values[0] + 1.0)
         return
-    one = data.sel(target=row.name)
-    truth = row.scale * one["truth"].values
+    own = data.sel(target=row.name)
+    truth = row.scale * own["truth"].values
     shown = [truth]
     if f"measured_{row.name}" in data:
         measured = row.scale * data[f"measured_{row.name}"].values
@@ -126,7 +126,7 @@ def _panel(axes: Axes, data: xr.Dataset, row: Quantity, chosen: dict[str, Look])
         shown.append(measured)
     axes.plot(*thin(time, truth), color=style.TRUTH, lw=1.4, zorder=3)
     for name, look in chosen.items():
-        mine = one.sel(estimator=name)
+        mine = own.sel(estimator=name)
         estimate = row.scale * mine["estimate"].values
         reach = 2.0 * row.scale * mine["std"].values
         style.mark(axes.plot(*thin(time, estimate), color=look.line, ls=look.dashes, lw=1.1, zorder=4), name)
@@ -164,15 +164,15 @@ def envelope(time: NDArray, lower: NDArray, upper: NDArray) -> tuple[NDArray, ND
 
 def inside(data: xr.Dataset, estimator: str) -> dict[str, float]:
     """Return the share of samples whose truth lies within ± 2σ of the estimate, by target that has both."""
-    one = data.sel(estimator=estimator) if estimator in data["estimator"].values else None
-    if one is None:
+    own = data.sel(estimator=estimator) if estimator in data["estimator"].values else None
+    if own is None:
         return {}
-    error, reach = np.abs((one["estimate"] - one["truth"]).values), 2.0 * one["std"].values
-    known = np.isfinite(error) & np.isfinite(reach)
+    error, reach = np.abs((own["estimate"] - own["truth"]).values), 2.0 * own["std"].values
+    finite = np.isfinite(error) & np.isfinite(reach)
     return {
-        str(name): float(np.mean(error[known[:, k], k] <= reach[known[:, k], k]))
+        str(name): float(np.mean(error[finite[:, k], k] <= reach[finite[:, k], k]))
         for k, name in enumerate(data["target"].values)
-        if known[:, k].any()
+        if finite[:, k].any()
     }
 
 
@@ -180,9 +180,9 @@ def _errors(data: xr.Dataset, targets: list[Quantity], estimators: list[str]) ->
     rows = []
     shares = {name: inside(data, name) for name in estimators}
     for target in (t for t in targets if _has_truth(data, t)):
-        one = data.sel(target=target.name)
+        own = data.sel(target=target.name)
         for number, name in enumerate(estimators):
-            error = target.scale * (one["estimate"].sel(estimator=name) - one["truth"]).values
+            error = target.scale * (own["estimate"].sel(estimator=name) - own["truth"]).values
             share = shares[name].get(target.name)
             finite = error[np.isfinite(error)]
             rms = float(np.sqrt(np.mean(finite**2))) if finite.size else np.nan

@@ -24,11 +24,11 @@ def table(findings: Findings) -> Sheet:
     design, start = findings.design, home(findings)
     ends = _ends(findings, start)
     lost = [design.diverged(e) for e in range(len(design.estimators))]
-    told = findings.told if findings.pairs else []
+    bands_told = findings.told if findings.pairs else []
     header = ["target", "estimator"]
     header += [_level(design, start)] if start is not None else []
     header += [_level(design, band) for band in ends]
-    header += [f"same run, {_where(design, band)}" for band in told]
+    header += [f"same run, {_where(design, band)}" for band in bands_told]
     header += ["diverged"] if any(lost) else []
     rows = []
     for target, quantity in enumerate(design.targets):
@@ -36,7 +36,7 @@ def table(findings: Findings) -> Sheet:
             row = ["" if e else f"{quantity.words}{in_unit(quantity.unit)}", name]
             row += [_at_home(findings, target, start, e)] if start is not None else []
             row += [_grown(findings, target, start, band, e) for band in ends]
-            row += [_compared(findings, target, band, e) for band in told]
+            row += [_compared(findings, target, band, e) for band in bands_told]
             row += [str(lost[e])] if any(lost) else []
             rows.append(row)
     return Sheet(header, rows, _caption(findings, start, ends, any(lost)), left=2)
@@ -90,12 +90,12 @@ def _ends(findings: Findings, start: int | None) -> list[int]:
     design, medians = findings.design, findings.medians
     if len(design.factors) == 1:
         centres = (design.factors[0].lower + design.factors[0].upper) / 2
-        found = list(dict.fromkeys([int(np.argmin(centres)), int(np.argmax(centres))]))
+        ends = list(dict.fromkeys([int(np.argmin(centres)), int(np.argmax(centres))]))
     elif (~np.isnan(medians[0])).any():
-        found = [int(np.argmax(np.nanmax(np.where(np.isnan(medians[0]), -np.inf, medians[0]), axis=1)))]
+        ends = [int(np.argmax(np.nanmax(np.where(np.isnan(medians[0]), -np.inf, medians[0]), axis=1)))]
     else:
-        found = []
-    return [b for b in found if b != start]
+        ends = []
+    return [b for b in ends if b != start]
 
 
 def _level(design: Design, band: int) -> str:

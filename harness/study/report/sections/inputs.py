@@ -27,15 +27,15 @@ _CAPTION = (
 
 def blocks(analysis: Analysis) -> list[Block]:
     """Return words, figure and table of every design with the noise of inputs and a level without any."""
-    found: list[Block] = []
+    content: list[Block] = []
     for findings in analysis.findings:
         shares = findings.input_shares
         if shares is None:
             continue
         text = " ".join([*_by_target(findings, shares), _EXPLAINED])
-        found += [Heading("How much of the error comes from the inputs?"), Prose(plain(text))]
-        found += [_picture(analysis, findings, shares), *_tables(findings, shares)]
-    return found
+        content += [Heading("How much of the error comes from the inputs?"), Prose(plain(text))]
+        content += [_picture(analysis, findings, shares), *_tables(findings, shares)]
+    return content
 
 
 _EXPLAINED = (
@@ -54,8 +54,8 @@ def _by_target(findings: Findings, shares: Floats) -> list[str]:
     design, sentences = findings.design, []
     home = design.matched
     for t, quantity in enumerate(design.targets):
-        known = np.where(np.isfinite(shares[t, :, :, 0]), shares[t, :, :, 0], -np.inf)
-        bands = [b for b in (home, int(known.max(axis=1).argmax())) if b is not None and np.isfinite(known[b].max())]
+        finite = np.where(np.isfinite(shares[t, :, :, 0]), shares[t, :, :, 0], -np.inf)
+        bands = [b for b in (home, int(finite.max(axis=1).argmax())) if b is not None and np.isfinite(finite[b].max())]
         parts = [f"{_range(design.estimators, shares[t, b])} {at(design, b)}" for b in dict.fromkeys(bands)]
         if parts:
             sentences.append(

@@ -39,7 +39,7 @@ _DEFINITIONS = (
 def blocks(analysis: Analysis) -> list[Block]:
     """Return configuration, definitions and the study text."""
     store = analysis.store
-    found: list[Block] = [
+    content: list[Block] = [
         Sheet(["item", "value"], _facts(store), "Configuration of the study and of the run.", left=2),
         *_models(store),
         *_noise(store),
@@ -51,12 +51,12 @@ def blocks(analysis: Analysis) -> list[Block]:
         Bullets(_DEFINITIONS),
     ]
     if str(store.attributes.get("study", "")).strip():
-        found += [
+        content += [
             Heading("The study", 2),
             Prose(plain("The full text from which everything above follows:")),
             Listing(str(store.attributes["study"]).rstrip("\n"), "toml"),
         ]
-    return found
+    return content
 
 
 def _facts(store: StudyResults) -> list[list[str]]:
@@ -115,8 +115,8 @@ _NOISES = {"process_noise": "process", "measurement_noise": "measurement", "inpu
 def _sides(store: StudyResults) -> dict[str, dict[str, Any]]:
     """Return what the store says of plant and belief; empty where it says nothing."""
     description = store.attributes.get("description")
-    found = description if isinstance(description, dict) else {}
-    return {side: found[side] for side in _SIDES if isinstance(found.get(side), dict)}
+    tables = description if isinstance(description, dict) else {}
+    return {side: tables[side] for side in _SIDES if isinstance(tables.get(side), dict)}
 
 
 def _models(store: StudyResults) -> list[Block]:
@@ -172,10 +172,12 @@ def _noise(store: StudyResults) -> list[Block]:
 def _tuned(store: StudyResults) -> list[Block]:
     """Return the factors on the noise that tuned estimators believe; nothing where none is tuned."""
     description = store.attributes.get("description")
-    found = description.get("noise_factors") if isinstance(description, dict) else None
-    if not isinstance(description, dict) or not isinstance(found, dict) or not found:
+    by_estimator = description.get("noise_factors") if isinstance(description, dict) else None
+    if not isinstance(description, dict) or not isinstance(by_estimator, dict) or not by_estimator:
         return []
-    rows = [[name, *(number(float(factors.get(g, 1.0))) for g in NOISE_GROUPS)] for name, factors in found.items()]
+    rows = [
+        [name, *(number(float(factors.get(g, 1.0))) for g in NOISE_GROUPS)] for name, factors in by_estimator.items()
+    ]
     caption = (
         "Tuned noise: what the variances that are believed are multiplied by, for the estimators named; the others "
         f"believe them as stated. Rule: {description['tuning']}."
@@ -217,8 +219,8 @@ def _drives(store: StudyResults) -> Sheet:
     rows: dict[str, str] = {}
     for design in store.designs:
         for k, name in enumerate(design.drives):
-            known = "duration" in design.data
-            rows[name] = number(float(design.data["duration"].values[k])) if known else "–"
+            is_stated = "duration" in design.data
+            rows[name] = number(float(design.data["duration"].values[k])) if is_stated else "–"
     return Sheet(["drive", "duration in s"], [list(item) for item in rows.items()], "Drives.")
 
 

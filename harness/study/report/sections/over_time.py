@@ -28,20 +28,20 @@ _ROW = 1.7
 
 def blocks(analysis: Analysis) -> list[Block]:
     """Return a figure per target for each design that keeps its errors over time; else nothing."""
-    found: list[Block] = []
+    content: list[Block] = []
     for findings in analysis.findings:
         design = findings.design
         if "rmse_over_time" in design.data and not design.count(PENDING):
             ranking = findings.ranking
-            found += [_picture(AlongDrive(ranking, t)) for t in range(len(design.targets)) if any(ranking.errors[t])]
-    if not found:
+            content += [_picture(AlongDrive(ranking, t)) for t in range(len(design.targets)) if any(ranking.errors[t])]
+    if not content:
         return []
     text = (
         "The same indices from the error in each window of one drive, for the estimator with the smallest median "
         "error. A diverged run has in the windows after its end the largest error that any run had there; there are no "
         "indices of windows in which the vehicle is out of control at some point."
     )
-    return [Prose(plain(text)), *found]
+    return [Prose(plain(text)), *content]
 
 
 class AlongDrive:
@@ -84,9 +84,9 @@ class AlongDrive:
         table = np.full((factors, self.errors.shape[1], 3), np.nan)
         for k, outcome in enumerate(self.errors.T):
             if np.isfinite(outcome).all():
-                found = sobol_indices(outcome, factors, seed=self.seed, resamples=_RESAMPLES)
-                if found is not None:
-                    table[:, k] = found.total
+                indices = sobol_indices(outcome, factors, seed=self.seed, resamples=_RESAMPLES)
+                if indices is not None:
+                    table[:, k] = indices.total
         return table
 
     @cached_property

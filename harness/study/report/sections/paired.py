@@ -19,13 +19,13 @@ def blocks(analysis: Analysis) -> list[Block]:
     """Return figure and table of the ratios of every design; nothing for a single estimator."""
     if not any(findings.pairs for findings in analysis.findings):
         return []
-    found: list[Block] = []
+    content: list[Block] = []
     for number, findings in enumerate(analysis.levelled):
         if number == 0:
-            found.append(Prose(_explain(findings)))
-        found += _pictures(analysis, findings)
-        found += [_table(findings, target) for target in range(len(findings.design.targets))]
-    return found
+            content.append(Prose(_explain(findings)))
+        content += _pictures(analysis, findings)
+        content += [_table(findings, target) for target in range(len(findings.design.targets))]
+    return content
 
 
 def few(findings: Findings) -> str:

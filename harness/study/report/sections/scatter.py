@@ -21,7 +21,7 @@ _MOST = 100_000
 
 def blocks(analysis: Analysis) -> list[Block]:
     """Return a figure per factor for each design whose factors vary within their bands."""
-    found: list[Block] = []
+    content: list[Block] = []
     per_page = int((style.TALLEST - 1.3) // _ROW)
     for findings in analysis.findings:
         if not findings.design.sampled:
@@ -29,14 +29,14 @@ def blocks(analysis: Analysis) -> list[Block]:
         targets = range(len(findings.design.targets))
         for k in range(len(findings.design.factors)):
             for start in range(0, len(targets), per_page):
-                found.append(_picture(analysis, findings, k, list(targets[start : start + per_page])))
-    if not found:
+                content.append(_picture(analysis, findings, k, list(targets[start : start + per_page])))
+    if not content:
         return []
     text = (
         "Each run of a band has an exact value of its own. Over that value it shows whether the error grows steadily, "
         "from which value on, and how much of a box is the factor and how much the drive."
     )
-    return [Prose(plain(text)), *found]
+    return [Prose(plain(text)), *content]
 
 
 def _picture(analysis: Analysis, findings: Findings, number: int, targets: list[int]) -> Picture:

@@ -31,24 +31,24 @@ _MARKERS = ("o", "s", "^", "D", "v")
 
 def blocks(analysis: Analysis) -> list[Block]:
     """Return words, figures and tables for each ``saltelli`` design; else nothing."""
-    found: list[Block] = []
+    content: list[Block] = []
     for findings in analysis.findings:
         if findings.design.sampling == "saltelli":
-            found += _design(analysis, findings.ranking)
-    return found
+            content += _design(analysis, findings.ranking)
+    return content
 
 
 def _design(analysis: Analysis, ranking: Ranking) -> list[Block]:
     design = ranking.design
     if design.count(PENDING):
         return [Prose(plain(f"Design “{design.name}” is not finished; Sobol indices need all of its points."))]
-    found: list[Block] = [Bullets(_words(ranking)), Prose(plain(_rule(ranking)))]
+    content: list[Block] = [Bullets(_words(ranking)), Prose(plain(_rule(ranking)))]
     for target in range(len(design.targets)):
         if any(ranking.errors[target]):
-            found += [_indices_picture(analysis, ranking, target), *_tables(ranking, target)]
+            content += [_indices_picture(analysis, ranking, target), *_tables(ranking, target)]
     if any(ranking.divergence):
-        found += [_divergence_picture(analysis, ranking), _divergence_table(ranking)]
-    return found + _convergence_picture(ranking)
+        content += [_divergence_picture(analysis, ranking), _divergence_table(ranking)]
+    return content + _convergence_picture(ranking)
 
 
 def in_short(ranking: Ranking) -> list[str]:
@@ -56,18 +56,18 @@ def in_short(ranking: Ranking) -> list[str]:
     design, sentences = ranking.design, []
     for t, target in enumerate(design.targets):
         best = ranking.best(t)
-        found = ranking.errors[t][best]
-        if found is None:
+        indices = ranking.errors[t][best]
+        if indices is None:
             continue
         who = f"With {design.estimators[best]}, the error of the {target.words}"
-        first = found.total[found.order[0]]
+        first = indices.total[indices.order[0]]
         if first.upper - first.lower > 1.0:  # an index is a share: such an interval holds all of them
-            sentences.append(f"{who} is driven by factors that {found.samples} base samples are too few to tell.")
+            sentences.append(f"{who} is driven by factors that {indices.samples} base samples are too few to tell.")
             continue
-        large = [i for i in found.order if found.total[i].value >= DRIVING][:NAMED]
-        parts = [f"{design.factors[i].words} (total index {found.total[i].value:.2f})" for i in large]
+        large = [i for i in indices.order if indices.total[i].value >= DRIVING][:NAMED]
+        parts = [f"{design.factors[i].words} (total index {indices.total[i].value:.2f})" for i in large]
         by = listed(parts) if parts else "no factor more than by others"
-        sentences.append(f"{who} is driven by {by}{_undecided(ranking, found)}.")
+        sentences.append(f"{who} is driven by {by}{_undecided(ranking, indices)}.")
     return sentences
 
 
@@ -76,9 +76,9 @@ def _undecided(ranking: Ranking, found: Indices) -> str:
     second = found.total[found.order[1]].value if len(found.order) > 1 else 0.0
     if second < DRIVING or found.lead.lower > 0:
         return ""
-    one, other = (ranking.design.factors[i].words for i in found.order[:2])
+    first, other = (ranking.design.factors[i].words for i in found.order[:2])
     return (
-        f"; {found.samples} base samples are too few to decide whether {one} or {other} does more (difference "
+        f"; {found.samples} base samples are too few to decide whether {first} or {other} does more (difference "
         f"{_told(found.lead)})"
     )
 
@@ -91,7 +91,7 @@ def _words(ranking: Ranking) -> list[str]:
         items.append(f"{name} {plain(_drivers(ranking, ranking.errors[t], ranking.best(t)) + _by_ranks(ranking, t))}")
     divergence = strong("Divergence.")
     if any(ranking.divergence):
-        some = [e for e, found in enumerate(ranking.divergence) if found is not None]
+        some = [e for e, tried in enumerate(ranking.divergence) if tried is not None]
         most = max(some, key=lambda e: float(ranking.lost[e].mean()))
         items.append(f"{divergence} {plain(_drivers(ranking, ranking.divergence, most, 'the share of diverged runs'))}")
     else:
@@ -105,22 +105,22 @@ def _words(ranking: Ranking) -> list[str]:
 
 def _drivers(ranking: Ranking, indices: Sequence[Indices | None], shown: int, what: str = "the error") -> str:
     """Name the factors with a large total index for one estimator, and the estimators for which another one leads."""
-    design, found = ranking.design, indices[shown]
-    if found is None:
+    design, own = ranking.design, indices[shown]
+    if own is None:
         return f"With {design.estimators[shown]} {what} does not vary."
-    large = [i for i in found.order if found.total[i].value >= DRIVING]
-    small = [found.total[i].value for i in found.order if i not in large]
-    parts = [f"{design.factors[i].words} {_told(found.total[i])}" for i in large]
+    large = [i for i in own.order if own.total[i].value >= DRIVING]
+    small = [own.total[i].value for i in own.order if i not in large]
+    parts = [f"{design.factors[i].words} {_told(own.total[i])}" for i in large]
     text = f"With {design.estimators[shown]}, the total indices of {what} are {listed(parts)}"
     if not parts:
         text = f"With {design.estimators[shown]}, no factor has a total index of {what} of {DRIVING}"
     elif small:
         text += f"; the other {len(small)} factors have at most {max(small[0], 0.0):.2f} each"
-    text += _undecided(ranking, found)
+    text += _undecided(ranking, own)
     other = [
         f"{name} ({design.factors[f.order[0]].words} {f.total[f.order[0]].value:.2f})"
         for name, f in zip(design.estimators, indices, strict=True)
-        if f is not None and f.order[0] != found.order[0]
+        if f is not None and f.order[0] != own.order[0]
     ]
     return text + (f". Another factor leads for {listed(other)}." if other else ".")
 
@@ -144,7 +144,7 @@ def _by_ranks(ranking: Ranking, target: int) -> str:
 def _rule(ranking: Ranking) -> str:
     design = ranking.design
     runs = design.status[:, 0].size
-    told = f"Of these {_lost(ranking)}." if ranking.lost.any() else "No run diverged."
+    lost = f"Of these {_lost(ranking)}." if ranking.lost.any() else "No run diverged."
     base = int(design.data.attrs["base_samples"])
     return (
         f"Sobol indices from {base} base samples, {len(design.factors)} factors, hence {design.status.shape[3]} "
@@ -152,7 +152,7 @@ def _rule(ranking: Ranking) -> str:
         "mean square over its drives; all points share the noise, so the factors alone make it vary. The "
         "first-order index is the share of the variance that one factor explains alone, the total index adds what "
         "it does together with others; intervals are at 95 %, bootstrapped over base samples. A diverged run keeps the "
-        f"design balanced with the largest error that any other run had on the same drive. {told}{uncontrolled(design)}"
+        f"design balanced with the largest error that any other run had on the same drive. {lost}{uncontrolled(design)}"
     )
 
 
@@ -170,8 +170,10 @@ def _indices_picture(analysis: Analysis, ranking: Ranking, target: int) -> Pictu
 
 def _divergence_picture(analysis: Analysis, ranking: Ranking) -> Picture:
     question = "Which parameter makes runs diverge?"
-    known = [found for found in ranking.divergence if found is not None]
-    order = [int(i) for i in np.argsort(-np.mean([[t.value for t in f.total] for f in known], axis=0), kind="stable")]
+    estimated = [indices for indices in ranking.divergence if indices is not None]
+    order = [
+        int(i) for i in np.argsort(-np.mean([[t.value for t in f.total] for f in estimated], axis=0), kind="stable")
+    ]
     svg = _dots(
         analysis, ranking, ranking.divergence, order, question, "share of the variance of the outcome “diverged”"
     )
@@ -194,15 +196,15 @@ def _dots(
 ) -> bytes:
     """Draw total and first-order indices of several estimators, a row for each factor."""
     design = ranking.design
-    shown = [(name, found) for name, found in zip(design.estimators, indices, strict=True) if found is not None]
+    shown = [(name, own) for name, own in zip(design.estimators, indices, strict=True) if own is not None]
     with style.drawing():
         fig = style.figure(1.0 + _FACTOR_HEIGHT * len(order))
         axes = fig.subplots()
-        for k, (name, found) in enumerate(shown):
+        for k, (name, own) in enumerate(shown):
             look = analysis.looks[name]
             places = np.arange(len(order)) + ((k + 0.5) / len(shown) - 0.5) * 0.8
-            total = np.array([found.total[i] for i in order])
-            first = [found.first[i].value for i in order]
+            total = np.array([own.total[i] for i in order])
+            first = [own.first[i].value for i in order]
             with style.series(axes, name):
                 axes.hlines(places, total[:, 1], total[:, 2], color=look.line, lw=1.2)
                 axes.plot(total[:, 0], places, look.marker, ms=4.2, color=look.line, label=name)
@@ -268,7 +270,7 @@ def _tables(ranking: Ranking, target: int) -> list[Block]:
 def _divergence_table(ranking: Ranking) -> Sheet:
     design = ranking.design
     rows = [
-        [f.words, *("–" if found is None else _in_table(found.total[i]) for found in ranking.divergence)]
+        [f.words, *("–" if indices is None else _in_table(indices.total[i]) for indices in ranking.divergence)]
         for i, f in enumerate(design.factors)
     ]
     share = [f"{100 * float(np.mean(lost)):.1f} %" for lost in ranking.lost]
@@ -283,9 +285,9 @@ def _convergence_picture(ranking: Ranking) -> list[Block]:
     """
     design = ranking.design
     converging = {
-        t: found
+        t: series
         for t in range(len(design.targets))
-        if any(ranking.errors[t]) and (found := ranking.converging(t, ranking.best(t)))
+        if any(ranking.errors[t]) and (series := ranking.converging(t, ranking.best(t)))
     }
     if not converging:
         return []
@@ -294,10 +296,10 @@ def _convergence_picture(ranking: Ranking) -> list[Block]:
         fig = style.figure(0.9 + 2.2 * len(converging))
         rows = fig.subplots(len(converging), 1, sharex=True, squeeze=False)[:, 0]
         leading = list(dict.fromkeys(i for t in converging for i in ranking.order(t)[:3]))[: len(_LINES)]
-        for axes, (t, found) in zip(rows, converging.items(), strict=True):
-            sizes = [f.samples for f in found]
+        for axes, (t, series) in zip(rows, converging.items(), strict=True):
+            sizes = [f.samples for f in series]
             for k, i in enumerate(leading):
-                total = np.array([f.total[i] for f in found])
+                total = np.array([f.total[i] for f in series])
                 axes.fill_between(sizes, total[:, 1], total[:, 2], color=_LINES[k], alpha=0.15, lw=0)
                 axes.plot(sizes, total[:, 0], color=_LINES[k], marker=_MARKERS[k], ms=4)
             axes.set_title(f"{design.targets[t].words}, {design.estimators[ranking.best(t)]}", loc="left")

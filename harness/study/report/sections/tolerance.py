@@ -21,24 +21,26 @@ _ROW = 0.34
 
 def blocks(analysis: Analysis) -> list[Block]:
     """Return words, a figure per target and tables for each ``tolerance`` design; else nothing."""
-    found: list[Block] = []
+    content: list[Block] = []
     limits = limits_of(analysis.store.attributes)
     for findings in analysis.findings:
         design = findings.design
         if design.sampling != "tolerance":
             continue
         if design.count(PENDING):
-            found.append(Prose(plain(f"Design “{design.name}” is not finished; a tolerance needs all of its points.")))
+            content.append(
+                Prose(plain(f"Design “{design.name}” is not finished; a tolerance needs all of its points."))
+            )
             continue
         borne = tolerances(design, limits)
         items = [f"{strong(_capital(target))} {plain(text)}" for target, text in told(design, limits, borne)]
-        found += [Bullets(items), Prose(plain(_rule(design, borne)))]
+        content += [Bullets(items), Prose(plain(_rule(design, borne)))]
         for t, target in enumerate(design.targets):
             if target.name in limits and design.giving(t):
                 limit = with_unit(limits[target.name] * target.scale, target.unit)
-                found += [_picture(analysis, design, t, limit, borne), _summary(design, t, limit, borne)]
-                found.append(_box(design, t, borne))
-    return found
+                content += [_picture(analysis, design, t, limit, borne), _summary(design, t, limit, borne)]
+                content.append(_box(design, t, borne))
+    return content
 
 
 def value_at(factor: Factor, share: float) -> float:
@@ -110,13 +112,14 @@ def _sentence(design: Design, limit: str, e: int, borne: Tolerance) -> str:
 
 
 def _rule(design: Design, borne: dict[tuple[int, int], Tolerance]) -> str:
-    one = next(iter(borne.values()))
+    whole = next(iter(borne.values()))
     runs = design.status[:, 0].size
     return (
-        f"{one.rays} points of the whole box and each factor alone drift from the believed values to the edges in "
+        f"{whole.rays} points of the whole box and each factor alone drift from the believed values to the edges in "
         f"{len(design.bands)} steps, {runs} runs of each estimator on {len(design.drives)} drives. The limit is "
         "broken where the RMSE on any drive exceeds it or the estimator diverges. Between two steps the error is "
-        f"taken as linear. The box is the largest in which no point broke the limit; so {100 * one.holds:.1f} % of its "
+        "taken as linear. The box is the largest in which no point broke the limit; so "
+        f"{100 * whole.holds:.1f} % of its "
         f"points or more hold it at 95 % confidence (distribution-free, Wilks 1941).{uncontrolled(design)}"
     )
 
@@ -132,9 +135,9 @@ def _picture(
         giving = design.giving(t)
         for place, e in enumerate(giving):
             name = design.estimators[e]
-            look, one = analysis.looks[name], borne[t, e]
+            look, borne_here = analysis.looks[name], borne[t, e]
             places = np.arange(len(design.factors) + 1) + ((place + 0.5) / len(giving) - 0.5) * 0.8
-            low, high = -np.append(one.box, one.lower), np.append(one.box, one.upper)
+            low, high = -np.append(borne_here.box, borne_here.lower), np.append(borne_here.box, borne_here.upper)
             with style.series(axes, name):
                 axes.hlines(places, low, high, color=look.line, lw=1.2)
                 for ends in (low, high):
@@ -178,9 +181,17 @@ def _rows(axes: Axes, design: Design) -> None:
 def _summary(design: Design, t: int, limit: str, borne: dict[tuple[int, int], Tolerance]) -> Sheet:
     rows = []
     for e in design.giving(t):
-        name, one = design.estimators[e], borne[t, e]
-        nominal = "diverged" if np.isinf(one.nominal) else f"{100 * one.nominal:.0f} %"
-        rows.append([name, breaks_first(design, one), nominal, f"{100 * one.box:.0f} %", f"{100 * one.typical:.0f} %"])
+        name, borne_here = design.estimators[e], borne[t, e]
+        nominal = "diverged" if np.isinf(borne_here.nominal) else f"{100 * borne_here.nominal:.0f} %"
+        rows.append(
+            [
+                name,
+                breaks_first(design, borne_here),
+                nominal,
+                f"{100 * borne_here.box:.0f} %",
+                f"{100 * borne_here.typical:.0f} %",
+            ]
+        )
     caption = (
         f"What the estimators tolerate until the RMSE of {design.targets[t].words} exceeds {limit}. As believed: error "
         "on the worst drive over the limit. Box: of the way to the edges, all factors at once; half of the points "
@@ -192,12 +203,14 @@ def _summary(design: Design, t: int, limit: str, borne: dict[tuple[int, int], To
 def _box(design: Design, t: int, borne: dict[tuple[int, int], Tolerance]) -> Sheet:
     """Write the box of the estimator that tolerates most in the units of the factors."""
     best = _best(design, t, borne)
-    one = borne[t, best]
+    borne_here = borne[t, best]
     rows = []
     for i, f in enumerate(design.factors):
         unit = f" ({f.unit})" if f.unit else ""
-        together = f"{number(value_at(f, -one.box))} to {number(value_at(f, one.box))}"
-        alone = f"{number(value_at(f, -float(one.lower[i])))} to {number(value_at(f, float(one.upper[i])))}"
+        together = f"{number(value_at(f, -borne_here.box))} to {number(value_at(f, borne_here.box))}"
+        alone = (
+            f"{number(value_at(f, -float(borne_here.lower[i])))} to {number(value_at(f, float(borne_here.upper[i])))}"
+        )
         rows.append([f.words + unit, number(f.nominal), together, alone])
     caption = (
         f"The box that {design.estimators[best]} tolerates for {design.targets[t].words}, and what it tolerates of "

@@ -47,7 +47,7 @@ def blocks(analysis: Analysis) -> list[Block]:
 
 def gains_of(data: xr.Dataset) -> list[tuple[str, str, np.ndarray]]:
     """Return target, estimator and gains ``(samples - 1,)`` for every measured target with a stated variance."""
-    found = []
+    gains = []
     for target in (str(t) for t in data["target"].values):
         measured = data.get(f"measured_{target}")
         if measured is None or not measured.attrs.get("variance", 0.0) > 0:
@@ -55,5 +55,5 @@ def gains_of(data: xr.Dataset) -> list[tuple[str, str, np.ndarray]]:
         for estimator in (str(e) for e in data["estimator"].values):
             variance = data["std"].sel(target=target, estimator=estimator).values[1:] ** 2
             if len(variance) >= _FIRST and np.isfinite(variance).all():
-                found.append((target, estimator, variance / measured.attrs["variance"]))
-    return found
+                gains.append((target, estimator, variance / measured.attrs["variance"]))
+    return gains
