@@ -104,6 +104,7 @@ def test_csv_dialects(tmp_path, text, expected):
         ("a.csv", b"# nothing\n", "is empty"),
         ("a.csv", b"t,v\n", "no row of data"),
         ("a.csv", b"t," + b"v" * 2**18 + b"\n0,1\n", "the first lines are no header of a table: field larger"),
+        ("a.csv", b"t,v\n0," + b"1" * 400 + b"\n", "an integer is beyond all floating-point numbers"),
         ("a.csv", b"t,v\n0,1\n1,2,3\n", "line 3"),
         ("a.csv", b"t,v\n0,1\n1,fast\n", "column 'v', row 2 of the data: 'fast' is not a number"),
         ("a.csv", b"t,v\n0,5,1,5\n1,0,2,0\n", "more cells than the 2 of the header; with decimal commas, separate"),

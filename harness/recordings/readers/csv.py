@@ -101,6 +101,8 @@ def read(path: str, wanted: Wanted | None = None) -> list[Table]:
         raise UserError(f"{path}: the first lines are no header of a table: {error}") from None
     except pd.errors.ParserError as error:
         raise UserError(f"{path}: {_first_line(error)}; every row must have as many cells") from None
+    except OverflowError:
+        raise UserError(f"{path}: an integer is beyond all floating-point numbers, 1.8e308") from None
     except (UnicodeDecodeError, EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise UserError(f"{path}: is damaged or no text in UTF-8 or Windows-1252: {error}") from None
     numbers = {c.name: values for c in columns if (values := c.values()) is not None}
