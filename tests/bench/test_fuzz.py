@@ -21,10 +21,10 @@ from support.report_parts import Page
 ROOT = Path(__file__).parents[2]
 
 
-def test_two_thousand_broken_files_are_read_or_refused_in_words(tmp_path):
+def test_hundreds_of_broken_files_are_read_or_refused_in_words(tmp_path):
     path = os.pathsep.join((str(ROOT), str(ROOT / "tests")))
     done = subprocess.run(
-        [sys.executable, "-m", "bench.fuzz", "--inputs", "2000", "--seed", "20230109", "--out", tmp_path / "fuzz"],
+        [sys.executable, "-m", "bench.fuzz", "--inputs", "600", "--seed", "20230109", "--out", tmp_path / "fuzz"],
         env={**os.environ, "PYTHONPATH": path},
         cwd=tmp_path,
         capture_output=True,
@@ -34,7 +34,7 @@ def test_two_thousand_broken_files_are_read_or_refused_in_words(tmp_path):
     assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-2000:]
     said = done.stdout.splitlines()[-1]
     inputs, read, refused = (int(said.split(word)[0].split()[-1]) for word in (" inputs", " read", " refused"))
-    assert inputs >= 2000
+    assert inputs >= 600
     assert read + refused == inputs
     assert min(read, refused) > 50
 

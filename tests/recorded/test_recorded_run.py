@@ -66,7 +66,7 @@ def test_missing_samples_are_skipped_exactly(car, drive):
     assert np.all(np.diff(run["heading_std"][200:260]) > 0)  # nothing corrects it
 
 
-@pytest.mark.parametrize("kind", ["ekf", "ukf", "cdkf"])
+@pytest.mark.parametrize("kind", ["ekf", "ukf"])
 def test_the_right_model_is_consistent_on_a_simulated_drive(car, drive, kind):
     run = RecordedEstimator(car, kind).run(drive)
     assert float(run["nis"].mean()) == pytest.approx(3.0, abs=0.15)

@@ -8,7 +8,6 @@ import pickle
 import re
 import shutil
 import signal
-from dataclasses import replace
 from functools import partial
 
 import pytest
@@ -16,6 +15,7 @@ import zarr
 
 from harness.common import stores
 from harness.common.errors import UserError
+from harness.config import build_study
 from harness.study import checksums, sealed_root
 from harness.study.progress import progress
 from harness.study.results import read
@@ -188,13 +188,24 @@ DAMAGED = ("zarr.json", "level/zarr.json", "level/status/zarr.json", "level/esti
            "checksums/level/zarr.json", "history/zarr.json", "history/0/zarr.json")  # fmt: skip
 
 
-@pytest.mark.parametrize("damage", DAMAGES)
-@pytest.mark.parametrize("histories", [True, False])
+WITHOUT_HISTORIES = {
+    "name": "plain",
+    "targets": ["example_state"],
+    "drive": [{"name": "straight", "kind": "sine", "amplitude": "0 deg", "duration": "5 s"}],
+    "plant": {"vehicle": "scalar_example", "parameters": "kit_2015a", "sensors": "example"},
+    "estimator": [{"name": "KF", "kind": "ekf"}],
+    "design": [{"name": "level", "repeats": 8}],
+}
+
+
+@pytest.mark.parametrize(
+    ("histories", "damage"), [*((True, name) for name in DAMAGES), (False, "zeros"), (False, "null")]
+)
 def test_whatever_is_damaged_is_named_and_a_run_mends_it(study, finished, tmp_path, damage, histories, console):
     if histories:
         copy = shutil.copytree(finished, tmp_path / "copy")
     else:
-        study = replace(study, history=())
+        study = build_study(WITHOUT_HISTORIES, "plain")
         copy = run_study(study, tmp_path / "copy", 1, console)
     whole = bits(copy)
     for name in DAMAGED[: None if histories else -1]:
