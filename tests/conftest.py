@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 
 import pytest
@@ -39,6 +40,19 @@ def nothing_fails_quietly(request, monkeypatch):
     for path in folder.rglob(FILE) if folder else ():
         path.unlink()
     assert meant or not noted, "\n".join(noted)
+
+
+def pytest_collection_finish():
+    gc.collect()
+    gc.freeze()
+
+
+@pytest.fixture(autouse=True, scope="module")
+def what_stays_is_looked_through_once():
+    """Spare later searches for garbage what a module leaves: modules, equations and kernels, of which none goes."""
+    yield
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(autouse=True, scope="session")
