@@ -247,7 +247,8 @@ PLAN: dict[str, dict[Fault, int]] = {
     "campaign": {killed: 2, disk_full: 1},
     "identify": {killed: 2, disk_full: 1, suspended: 1},
     "tune": {killed: 2, disk_full: 1},
-    "trace": {killed: 2, clock_jumps: 1, disk_full: 1},
+    "trace": {killed: 10, clock_jumps: 1, disk_full: 1},
+    "remedy": {killed: 10, clock_jumps: 1, disk_full: 1},
 }  # fmt: skip
 """How often each job is struck by what."""
 

@@ -1,4 +1,4 @@
-"""Jobs that the faults strike: a study, a campaign, a trace, an identification and a tuning, each small."""
+"""Jobs that the faults strike: a study, a campaign, a trace, a remedy, an identification and a tuning, each small."""
 
 from __future__ import annotations
 
@@ -50,6 +50,15 @@ factor = [{ parameter = "mass", range = ["1.4 t", "1.9 t"] }]
 design = "loads"
 drive = "sine"
 band = "1.4 t to 1.9 t"
+"""
+
+REMEDY = """
+name = "loads"
+targets = ["lateral_velocity"]
+plant = { vehicle = "car", parameters = "govindarajan_2018", tyre = "magic_formula", sensors = "car_series" }
+drive = [{ name = "sine", kind = "sine", amplitude = "20 deg", duration = "5 s" }]
+estimator = [{ kind = "ekf" }]
+design = [{ name = "loads", samples = 32, repeats = 2, factor = [{ parameter = "mass", range = ["1.4 t", "1.9 t"] }] }]
 """
 
 TUNING = "[[drive]]\nname = 'sine'\nkind = 'sine'\namplitude = '20 deg'\nduration = '20 s'\n"
@@ -105,7 +114,7 @@ class Job:
         contents: dict[str, bytes | object] = {}
         for path in sorted(p for p in self.out.rglob("*") if p.is_file()):
             name = path.relative_to(self.out).as_posix()
-            if name not in ("run.json", "run.lock"):
+            if path.name not in ("run.json", "run.lock"):
                 contents[name] = json.loads(path.read_bytes()) if path.name == "zarr.json" else path.read_bytes()
         return contents
 
@@ -114,6 +123,7 @@ def jobs(folder: Path) -> dict[str, Job]:
     """Write what the commands read, and return them by name."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "faults.toml").write_text(STUDY, encoding="utf-8")
+    (folder / "loads.toml").write_text(REMEDY, encoding="utf-8")
     (folder / "training.toml").write_text(TUNING, encoding="utf-8")
     for number, name in enumerate(("train", "test")):
         if not (folder / f"{name}.csv").exists():
@@ -127,6 +137,7 @@ def jobs(folder: Path) -> dict[str, Job]:
         "campaign": ("campaign", str(folder / "studies"), "--out"),
         "identify": ("identify", *car, "--train", train, "--test", test, "--free", "stiffness_peak_front", "--out"),
         "trace": ("trace", *car, "--train", train, "--test", test, "--estimator", "", "--jobs", "2", "--out"),
+        "remedy": ("remedy", str(folder / "loads.toml"), "--equipment", "1", "--yes", "--jobs", "2", "--out"),
         "tune": ("tune", str(folder / "faults.toml"), "--drive", str(folder / "training.toml"), "--budget", "48",
                  "--out"),
     }  # fmt: skip

@@ -105,6 +105,8 @@ ENOUGH = 1.6
 """Least log odds of a column that is taken for a signal: an unclear name needs the motion."""
 _TURNS_ALIKE = 0.8
 """Correlation from which a steering angle and the yaw rate determine a wheelbase."""
+_TURNS_APART, _CONTRADICTED = 0.3, 3.0
+"""Correlation below which they contradict each other, and the log odds of that against the steering angle."""
 _JOINT = ("speed", "yaw_rate", "lateral_acceleration", "longitudinal_acceleration")
 WHEELBASES = {"road_wheel_angle": (3.5, 0.5), "steering_wheel_angle": (50.0, 0.6)}
 """Steering angle times speed over yaw rate, m, with the standard deviation of its logarithm."""
@@ -258,8 +260,10 @@ class _ChoiceEvidence:
     def steered(self, speed: Guess | None, rate: Guess | None, wheel: Guess | None) -> float:
         """Return the log odds of a steering angle by the apparent wheelbase."""
         base = self.wheelbase(speed, rate, wheel)
-        if wheel is None or not np.isfinite(base.factor) or abs(base.alike) < _TURNS_ALIKE:
+        if wheel is None or not np.isfinite(base.factor):
             return 0.0
+        if abs(base.alike) < _TURNS_ALIKE:
+            return -_CONTRADICTED * (abs(base.alike) < _TURNS_APART)
         middle, spread = WHEELBASES[wheel.signal]
         off = 0.5 * (np.log(abs(base.factor) / middle) / spread) ** 2
         return float(1.5 - min(off, 3.0 if wheel.stated else 6.0))

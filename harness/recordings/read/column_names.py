@@ -41,6 +41,18 @@ _SHORT = {
 """Units that have a short form of their own, with the SI unit that they are of."""
 
 
+_SCRIPTS = {
+    "目標": "target", "目标": "target", "エンジン": "engine", "电机": "motor", "発動機": "engine", "发动机": "engine",
+    "車輪速": "wheel speed", "轮速": "wheel speed", "車速": "speed", "车速": "speed",
+    "トルク": "torque", "转矩": "torque",
+    "ヨーレイト": "yaw rate", "ヨーレート": "yaw rate", "横摆角速度": "yaw rate", "ロールレイト": "roll rate",
+    "操舵角": "steering angle", "方向盘转角": "steering wheel angle", "方向盘转速": "steering rate",
+    "横加速度": "lateral acceleration", "侧向加速度": "lateral acceleration", "横向加速度": "lateral acceleration",
+    "前後加速度": "longitudinal acceleration", "纵向加速度": "longitudinal acceleration", "操舵": "steering",
+    "横すべり角": "sideslip angle", "侧偏角": "sideslip angle", "回転数": "rpm", "转速": "rpm",
+    "時間": "time", "时间": "time",
+}  # fmt: skip
+"""Words of Japanese and Chinese loggers; a longer one stands before those that it contains."""
 _ACCENTS = str.maketrans("éèêàâîôûçÉ", "eeeaaioucE")
 
 
@@ -62,7 +74,7 @@ _MEANINGS = {
     # whose motion it is
     "vehicle": "vehicle veh car fzg fahrzeug ego chassis host ground machine",
     "tractor": "tractor zugmaschine",
-    "trailer": "trailer anhänger anhaenger auflieger tebs",
+    "trailer": "trailer släp anhänger anhaenger auflieger tebs",
     "engine": "engine eng motor mot mtr emotor crank crankshaft",
     "fan": "fan lüfter luefter blower",
     "wind": "wind air airspeed luft",
@@ -74,35 +86,37 @@ _MEANINGS = {
     "axle": "axle achse front rear vorn hinten vorne",
     "corner": "left right links rechts fl fr rl rr lf rf lr vl vr hl hr l1 r1 l2 r2 l3 r3",
     # what is not the motion itself
-    "wanted": "target desired setpoint request requested req cmd command commanded cruise limit lim soll ziel demand",
+    "wanted": "target desired des trgt setpoint set request requested req cmd command commanded cruise limit lim soll "
+    "ziel demand consigne börvärde",
     "about": "std stdev sigma var variance cov covariance error err accuracy quality valid validity status state flag "
     "offset bias counter checksum crc temp temperature age quat quaternion orientation max min",
     "effort": "torque moment trq tq current voltage percentage percent pressure force power",
     # which quantity
-    "speed": "speed spd velocity velo vel geschw geschwindigkeit vitesse sog twist",
-    "acceleration": "acceleration accel accelerometer acc beschl beschleunigung gforce gs",
-    "rate": "rate dot punkt",
-    "angle": "angle ang winkel wnkl",
+    "speed": "speed spd velocity velo vel geschw geschwindigkeit vitesse hastighet sog twist",
+    "acceleration": "acceleration accel accl accelerometer acc beschl beschleunigung gforce gs",
+    "rate": "rate dot punkt turn",
+    "angle": "angle ang angl agl ag winkel wnkl vinkel",
     "angular": "angular gyro gyr gyroscope omega rotation rotational drehrate",
     "revolutions": "rpm drehzahl revs revolutions",
     "position": "position pos displacement",
-    "steering": "steering steer steered lenk lenkung lws sas swa str handwheel lenkrad lrw volant",
+    "steering": "steering steer strng steered lenk lenkung lws sas swa msw str handwheel lenkrad lrw volant ratt",
     "road": "road roadwheel",
-    "yaw": "yaw gier psi lacet",
+    "yaw": "yaw gier gir psi lacet",
     "roll": "roll wank phi",
     "pitch": "pitch nick",
     "sideslip": "sideslip schwimm beta",
     "articulation": "artic articulation hitch knick",
     "heading": "heading course kurs hdg bearing azimuth cog",
     # along which axis
-    "lateral": "lateral quer transverse transversal transversale latitude breitengrad lat",
-    "longitudinal": "longitudinal longitudinale lineal inline längs laengs forward fwd long lon lng longitude "
-    "laengengrad längengrad",
+    "lateral": "lateral laterale sido quer transverse transversal transversale latitude breitengrad lat",
+    "longitudinal": "longitudinal longitudinale longi lgt lineal inline längs laengs forward fwd long lon lng "
+    "longitude laengengrad längengrad",
     "vertical": "vertical vert",
     "compass": "north east northing easting nord ost up down",
     # nothing that matters here
-    "aside": "sensor value signal imu ins gps gnss can bus raw filtered filt actual act meas measured ist data info of "
-    "the over based mean com esp esc abs ecu est estimated linear pose corrected side slip cg tacho tachograph",
+    "aside": "sensor value signal imu ins gps gnss can bus raw brute roh filtered filt actual act meas measured ist "
+    "data info of the over based mean com esp esc abs ecu est estimated linear pose corrected side slip cg tacho "
+    "tachograph",
 }
 """Words by what they mean."""
 
@@ -121,7 +135,8 @@ _WHOLE = {
     "r": "yaw_rate", "w": "yaw_rate", "v": "speed", "dpsi": "yaw_rate", "psi p": "yaw_rate", "psip": "yaw_rate",
     "psi pp": "yaw_acceleration", "side slip": "sideslip_angle", "df": "road_wheel_angle",
     "delta f": "road_wheel_angle", "delta": "steering_wheel_angle",
-    "delta h": "steering_wheel_angle", "delta sw": "steering_wheel_angle",
+    "delta h": "steering_wheel_angle", "delta sw": "steering_wheel_angle", "vss": "speed",
+    "slip angle": "sideslip_angle", "angle slip": "sideslip_angle", "rate turn": "yaw_rate", "turn rate": "yaw_rate",
 }  # fmt: skip
 """Symbols that mean a signal as a whole."""
 
@@ -259,6 +274,8 @@ def read_name(column: str, by_file: str = "") -> Reading:
     if by_file.strip() and (stated := unit_of(by_file)) is not None:
         unit = replace(stated, by="file")
     *groups, leaf = [_cut(part) for part in re.split(r"[./\\:]+", bare) if part.strip()] or [[]]
+    if ":" in bare and groups and _meanings(leaf) <= {"vehicle", "aside"}:  # channel:application
+        leaf, *groups = groups[-1], *groups[:-1], leaf
     outcome, sure = _outcome(leaf, groups, unit)
     if unit is not None and outcome in SIGNALS and unit.si != SIGNALS[outcome].unit:
         outcome = f"!{unit.text} is no unit of {outcome}"
@@ -292,10 +309,12 @@ def _outcome(leaf: list[str], groups: list[list[str]], unit: ColumnUnit | None) 
     if (whole := " ".join(w for w in leaf if _WORDS.get(w) != "aside" or w in ("side", "slip"))) in _WHOLE:
         return _WHOLE[whole], 2.5
     own = _meanings(leaf)
-    if unit is not None and unit.si == "rad" and leaf[0] in _SYMBOLS and leaf[0] not in _WORDS:
+    if leaf and unit is not None and unit.si == "rad" and leaf[0] in _SYMBOLS and leaf[0] not in _WORDS:
         own -= {_SYMBOLS[leaf[0]]}  # an angle is not what the symbol says
     unclear = sum(w not in _WORDS and w not in _LETTERS and w not in _SYMBOLS and not w.isdigit() for w in leaf)
     sure = 4.0 - 0.85 * unclear - any(w in _LETTERS for w in leaf) + 0.5 * ("vehicle" in own) + (exact == "speed")
+    if leaf and leaf[-1].isdigit() and leaf[-1] > "1":
+        sure -= 1.5  # of a second sensor or body
     meanings = own | {_KINDS.get("" if unit is None else unit.si, "aside")} if own - {"aside"} else set()
     for depth in range(len(groups) + 1):
         meanings |= _meanings(groups[-depth]) - set(_ABOUT) if depth else set()
@@ -326,6 +345,8 @@ def _by_rule(meanings: set[str]) -> str:
 def _without_unit(column: str) -> tuple[str, ColumnUnit | None]:
     """Return a name without its unit, which stands in brackets or at the end; other brackets stay as words."""
     unit = None
+    for written, words in _SCRIPTS.items():
+        column = column.replace(written, f" {words} ")
     column = re.sub(r"\[([012])\]", lambda place: f" {'xyz'[int(place[1])]}", column)  # of a vector
     for bracketed in re.findall(r"[\[(]([^\[\]()]+)[\])]", column):
         if (stated := unit_of(bracketed)) is not None:
@@ -334,7 +355,7 @@ def _without_unit(column: str) -> tuple[str, ColumnUnit | None]:
     column = re.sub(r"(?<=[a-zäöüß])(?=[A-ZÄÖÜ])|(?<=[A-Z])(?=[A-Z][a-z]{2})", " ", column).strip(" /|_")
     for gap in re.finditer(r"[ _./|\\]+", column if unit is None else ""):
         tail = column[gap.end() :].strip().lower()
-        stated = None if tail in ("h", "min") else unit_of(tail)
+        stated = None if tail in ("h", "min") or (tail == "s" and not TIME.search(column.lower())) else unit_of(tail)
         if stated is not None and (stated.si or tail in ("%", "pct", "percent", "rpm")):
             return column[: gap.start()], stated
     return column, unit
@@ -375,7 +396,7 @@ def _meanings(words: Iterable[str]) -> set[str]:
     telling = [w for w in words if _WORDS.get(w) != "aside" and (len(w) > 1 or w in {*_SYMBOLS, *_LETTERS})]
     if len(telling) > 1 and telling[0] in _SYMBOLS:
         meanings.add(_SYMBOLS[telling[0]])
-    if meanings & {"vehicle", "yaw", "lateral", "longitudinal"}:
+    if meanings & {"vehicle", "yaw", "lateral", "longitudinal"} and not meanings & {"speed", "acceleration", "rate"}:
         meanings |= {_SYMBOLS[w] for w in words if w in ("v", "a", "w")}
     if words[-1:] == ["g"] and meanings & {"lateral", "longitudinal", "vertical"}:
         meanings.add("acceleration")

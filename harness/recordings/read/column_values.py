@@ -159,8 +159,11 @@ _FEW = 50
 """Samples that a comparison needs."""
 _TOLERANCE = 0.15
 """Standard deviation of the logarithm of a factor between two motions that are the same."""
-_CALM = {"lateral_acceleration": 0.1, "longitudinal_acceleration": 0.08, "yaw_rate": 0.01, "speed": 0.3}
-"""Sizes of a motion below which it excites too little to contradict a column."""
+_CALM = {
+    "lateral_acceleration": 0.1, "longitudinal_acceleration": 0.08, "yaw_rate": 0.01, "speed": 0.3,
+    "steering_wheel_angle": 1e-3, "road_wheel_angle": 1e-3,
+}  # fmt: skip
+"""Sizes of a motion below which it excites too little to contradict a column; for a steering angle the curvature."""
 
 
 @dataclass(frozen=True)
