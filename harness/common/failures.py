@@ -29,7 +29,7 @@ _LONGEST = 300
 
 
 class Failures:
-    """What could not be made of one result.
+    """Parts of one result that could not be made.
 
     Args:
         folder: Of the result, made if absent; the tracebacks of an earlier one are removed from it. Without a folder

@@ -266,7 +266,7 @@ def remove(folder: Path) -> None:
 
 @contextlib.contextmanager
 def reached(folder: Path) -> Iterator[None]:
-    """Tell in words what goes wrong on the way to a place behind a URL.
+    """Turn errors on the way to a place behind a URL into words.
 
     Raises:
         WorkError: If it does not answer, or refuses.

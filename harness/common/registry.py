@@ -15,7 +15,7 @@ from harness.common.errors import ModelError, closest
 
 @dataclass(frozen=True)
 class Role:
-    """What the components of one kind are for.
+    """Role of the components of one kind.
 
     Attributes:
         package: The package of our own, or its dotted name where whoever declares the role must not import it.

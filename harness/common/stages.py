@@ -45,7 +45,7 @@ class _Lines:
         self._thread.start()
 
     def show(self, what: str) -> None:
-        """Say what is being done now."""
+        """Show the next stage."""
         self._now = what
 
     def end(self) -> None:

@@ -1,4 +1,4 @@
-"""The statistics of the report: intervals of medians, paired comparisons, bounds of chi-square averages.
+"""Statistics of reports: intervals of medians, paired comparisons, bounds of chi-square averages.
 
 Everything here takes plain arrays and a seed, so that the same store always gives the same report. Runs that
 diverged are infinitely wrong: medians, quartiles and ranks take them as larger than any other. A NaN is ignored.
@@ -42,7 +42,7 @@ class Interval(NamedTuple):
 
 @dataclass(frozen=True)
 class Summary:
-    """What a box plot shows of one group of runs.
+    """Statistics of one group of runs for a box plot.
 
     Attributes:
         n: Number of runs.

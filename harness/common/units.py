@@ -114,7 +114,7 @@ def split(text: str) -> tuple[str, str] | None:
 
 
 def separators(text: str) -> str:
-    """Say what a text may mean that begins with a number with a decimal comma or thousands separators.
+    """Return the readings of a text that begins with a number with a decimal comma or thousands separators.
 
     Returns:
         The readings and the remedy; empty if the text begins with no such number.
@@ -126,7 +126,7 @@ def separators(text: str) -> str:
 
 
 def separators_in_cell(text: str) -> str:
-    """Say the same of a whole cell of a table, where a text may as well be a date or a label."""
+    """Return the same for a whole cell of a table, where a text may as well be a date or a label."""
     return separators(text) if _GROUPED_CELL.fullmatch(_plain_signs(text)) else ""
 
 

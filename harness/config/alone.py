@@ -67,6 +67,7 @@ def alone(
     spec = study.drive(drive)
     factors = {(f.parameter, f.of): float(v) for f, v in zip(design.factors, values, strict=True)}
     tables = [_table(parameter, side, value) for (parameter, side), value in _changed(factors, changes).items()]
+    drawn = list(dict.fromkeys(name for history in study.history for name in history.signals))
     said = "; ".join(f"{c.parameter} of the {c.of} {c.value}" for c in changes)
     update: dict[str, Any] = {
         "title": f"{study.title or study.name} (one run on {drive}{f', but {said}' if said else ''})",
@@ -74,7 +75,7 @@ def alone(
         "drive": [DriveTable(name=spec.name, kind=spec.kind, **whole_paths(spec.options, spec.base))],
         "estimator": [_with_whole_paths(t, study) for t in raw.estimator],
         "design": [DesignTable(name=design.name, factor=tables)],
-        "history": HistoryTable(design=design.name, drive=drive, signals=_drawn(study)),
+        "history": HistoryTable(design=design.name, drive=drive, signals=drawn),
         "report": ReportTable(),
         "count_from": CountTable(drive=count_from.drive, sample=count_from.sample, repeat=count_from.repeat),
     }
@@ -98,10 +99,6 @@ def _changed(factors: Mapping[tuple[str, Side], float], changes: Sequence[Change
 def _with_whole_paths(table: EstimatorTable, study: Study) -> EstimatorTable:
     spec = next(e for e in study.estimators if e.name == (table.name or table.kind))
     return table.model_copy(update=whole_paths(table.further, spec.base))
-
-
-def _drawn(study: Study) -> list[str]:
-    return list(dict.fromkeys(name for history in study.history for name in history.signals))
 
 
 def _table(parameter: str, side: Side, value: Any) -> FactorTable:

@@ -18,7 +18,7 @@ def quantity(value: float, unit: str) -> str:
 
 
 def out_of_bounds(parameter: Parameter, value: float) -> str | None:
-    """Say which bound a value breaks, or return ``None``."""
+    """Return the bound that a value breaks in words, or ``None``."""
     if parameter.lower <= value <= parameter.upper:
         return None
     side, bound = ("below", parameter.lower) if value < parameter.lower else ("above", parameter.upper)

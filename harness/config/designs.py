@@ -147,7 +147,7 @@ def _check_power_of_two(n: int, key: str, problems: Problems, way_out: str = "")
 
 
 def _check_one_box(raw: DesignTable, design: DesignSpec, key: str, problems: Problems) -> None:
-    """What designs over all factors at once need: one band of every factor; nested boxes surround the nominal value."""
+    """Note where a design over all factors at once lacks one band of each, or its boxes the nominal value."""
     if not design.factors:
         problems.add(f"{key}.factor", f"sampling = '{raw.sampling}' varies all factors at once; give at least one")
     for i, factor in enumerate(design.factors):

@@ -317,7 +317,7 @@ def _check_bounds(factor: FactorSpec, i: int, key: str, parameter: Parameter, pr
 
 
 def _refuse_nothing(factor: FactorSpec) -> str | None:
-    """Say what is wrong with a factor of zero on variances; inputs may be exact, if estimators know that they are."""
+    """Return why a factor on variances cannot be zero; inputs may be exact, if estimators know that they are."""
     if factor.of == "plant":
         return None
     if factor.parameter != "input_noise_scale":

@@ -230,7 +230,7 @@ def _check_pair(plant: ModelSpec, belief: ModelSpec, raw: StudyFile, problems: P
 
 
 def _check_input_noise(plant: ModelSpec, belief: ModelSpec, problems: Problems) -> None:
-    """What is read with noise must be known to be; what the vehicle itself supplies has the noise of its sensors."""
+    """Note inputs with noise that estimators take as exact, do not read, or get from a sensor with its own noise."""
     for name in plant.input_noise:
         key = f"plant.noise.input.{name}"
         if name not in belief.model().inputs:

@@ -323,7 +323,7 @@ def _values(table: Stated, model: Model, parameter_set: ParameterSet, problems: 
 
 
 def _at_home(table: Stated, group: str) -> str:
-    """Say where in a parameter file a value belongs, if the model has one."""
+    """Return the place of a value in the parameter file in words, if the model has one."""
     file = table["parameters"] or ""
     return f"to [{group}] of {file}, or as " if file.endswith(".toml") else "as "
 

@@ -59,7 +59,7 @@ FileName = Annotated[StrictStr, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
 
 
 def _one_of(*forms: str) -> Discriminator:
-    """Tell which of some forms a key has; of anything else errors say that it is not the first."""
+    """Discriminate the forms of a key; errors about anything else are those of the first form."""
 
     def form(value: Any) -> str:
         own = TABLE if isinstance(value, dict | BaseModel) else LIST if isinstance(value, list) else TEXT

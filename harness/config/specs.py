@@ -23,14 +23,14 @@ NOISE_SCALES: tuple[str, ...] = ("process_noise_scale", "measurement_noise_scale
 """Pseudo-parameters a factor may vary: they multiply all variances of one kind; nominal value 1."""
 
 InputSignal = Literal["filtered", "measured"]
-"""What an estimator takes for an input that is measured with noise: given its past, or as measured."""
+"""Value that an estimator takes for an input measured with noise: given its past, or as measured."""
 
 NOISE_GROUPS: tuple[str, ...] = ("process", "unknown_inputs", "measurement")
 """Groups of variances that tuning multiplies by a factor each."""
 
 
 Device = Literal["cpu", "cuda"]
-"""What a study may run on: the cores of a processor, or a graphics card of NVIDIA."""
+"""Device of a study: the cores of a processor, or a graphics card of NVIDIA."""
 
 
 @dataclass(frozen=True)

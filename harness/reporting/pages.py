@@ -30,7 +30,7 @@ _SLACK = 3.0
 
 @dataclass(frozen=True)
 class Room:
-    """What a figure is given.
+    """Room of a figure.
 
     Attributes:
         share: Of its size.

@@ -210,12 +210,12 @@ def figure(height: float, **layout: Any) -> Figure:
 
 
 def mark(artists: Artist | Iterable[Artist], series: str, text: str = "") -> None:
-    """Say of what an artist is drawn, so that a reader on screen can switch it off and read its numbers.
+    """Attach series and text to an artist, so that a reader on screen can switch it off and read its numbers.
 
     Args:
         artists: One or several.
         series: Name that is switched, an estimator's; nothing for what is always shown.
-        text: What is told when a pointer rests on it; the series by default.
+        text: Shown when a pointer rests on it; the series by default.
     """
     for artist in [artists] if isinstance(artists, Artist) else artists:
         artist.set_gid(_MARK + quote(json.dumps([series, text or series])))  # quoted: however XML quotes an id

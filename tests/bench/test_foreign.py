@@ -26,7 +26,7 @@ from harness.models.roles import EFFECTS
 from harness.recordings import load_recording
 
 FOLDER = Path(bench.foreign.__file__).parent
-SIMULATOR = ("vehicle", "driver", "logger", "nominal", "cases")
+SIMULATOR = ("vehicle", "driver", "logger", "cases")
 FAULTS = ("steering_delay", "speed_delay", "sensor_delay@yaw_rate", "sensor_delay@angle", "sensor_drift@yaw_rate")
 STATED = {"mass": 1000.0, "ratio": 20.0}
 

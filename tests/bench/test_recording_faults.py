@@ -16,7 +16,7 @@ def drive():
 
 def test_a_drive_without_a_fault_has_no_finding(drive):
     found, _ = check_drive(drive)
-    assert found.found == ()
+    assert found.findings == ()
     assert found.remedy is None
 
 

@@ -228,7 +228,8 @@ def _findings(
     findings = []
     for fault in best.faults:
         sure = _probability(fault, hypotheses)
-        rivals = [_either(h.faults) for h in others if fault not in h.faults][:2]
+        explanations = [h.faults for h in others if fault not in h.faults][:2]
+        rivals = [" with ".join(map(described, faults)) or "nothing of the catalogue" for faults in explanations]
         words = described(fault) + (f", {sure:.0%} sure; or {' or '.join(rivals)}" if rivals else "")
         words += "" if sure > SURE else "; not mended"
         findings.append(Finding(fault.kind, fault.signals, words, _evidence(fits, fault.signals), sure > SURE))
@@ -243,7 +244,8 @@ def _findings(
     for fit in after:
         if fit.verdict == DISAGREES and not explained & set(fit.relation.signals):
             words = f"{fit.name}: {', '.join(fit.reasons)}; {_open(fit)}"
-            findings.append(Finding("unexplained", fit.relation.signals, words, _numbers(fit), mends=False))
+            evidence = fit.evidence if np.isfinite(fit.slope) else ""
+            findings.append(Finding("unexplained", fit.relation.signals, words, evidence, mends=False))
     return findings
 
 
@@ -255,10 +257,6 @@ def _open(fit: Agreement) -> str:
     return "no single wrong unit, sign, scale or delay explains it"
 
 
-def _numbers(fit: Agreement) -> str:
-    return fit.evidence if np.isfinite(fit.slope) else ""
-
-
 def described(fault: RecordingFault) -> str:
     """Return a fault of the catalogue in words."""
     if fault.kind == TIME:
@@ -267,10 +265,6 @@ def described(fault: RecordingFault) -> str:
         return f"{' and '.join(fault.signals)}: {fault.words}"
     verb = "" if fault.kind in ("sign", "heading") else "in "
     return f"{listed(fault.signals)}: {verb}{fault.words}"
-
-
-def _either(faults: tuple[RecordingFault, ...]) -> str:
-    return " with ".join(described(f) for f in faults) or "nothing of the catalogue"
 
 
 def _evidence(fits: list[Agreement], signals: tuple[str, ...]) -> str:

@@ -189,7 +189,8 @@ def check_tables(
         mended = MapRemedy(after, tuple(remedy.lines(given, after)), last.fits)
         findings = [f for f in findings if f.mends and not (f.kind == DELAY and estimated & set(f.signals))]
         findings += last.findings
-    result = CheckResult(recording, examination, tuple(_once(findings)), mended)
+    first = {(f.kind, f.signals): f for f in reversed(findings)}  # of each kind and signals
+    result = CheckResult(recording, examination, tuple(reversed(first.values())), mended)
     if mended is None or fit_error is None:
         return result
     return tried_by_fit(result, given, lambda c: _examined(tables, file, c, span), fit_error)
@@ -242,12 +243,6 @@ def _without(content: dict[str, Any], given: Mapping[str, Any], finding: Finding
     if not keys and finding.kind in (DELAY, DRIFT):
         keys = {"time"}
     return {k: given.get(k, v) if k in keys else v for k, v in content.items()}
-
-
-def _once(findings: list[Finding]) -> list[Finding]:
-    """Return the findings, of the same kind and signals the first only."""
-    kept = {(f.kind, f.signals): f for f in reversed(findings)}
-    return list(reversed(kept.values()))
 
 
 def _examined(tables: list[Table], file: str, content: Mapping[str, Any], span: Span | None) -> _Examined:

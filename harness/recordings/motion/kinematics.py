@@ -137,33 +137,30 @@ def _acceleration(s: Sources) -> tuple[Floats, Floats]:
     )
 
 
-def _yaw_acceleration(s: Sources) -> Floats:
-    return s.rate("heading", 2) if "heading" in s.signals else s.rate("yaw_rate")
-
-
 _POSE = ("position_x", "position_y", "heading")
 _MOTION = ("longitudinal_velocity", "lateral_velocity", "yaw_rate")
 
 DERIVED: dict[str, tuple[tuple[tuple[str, ...], ...], Callable[[Sources], Floats]]] = {
     "yaw_rate": ((("heading",),), lambda s: s.rate("heading")),
-    "yaw_acceleration": ((("heading",), ("yaw_rate",)), _yaw_acceleration),
+    "yaw_acceleration": (
+        (("heading",), ("yaw_rate",)),
+        lambda s: s.rate("heading", 2) if "heading" in s.signals else s.rate("yaw_rate"),
+    ),
     "longitudinal_velocity": ((_POSE,), lambda s: _velocity(s)[0]),
     "lateral_velocity": ((_POSE,), lambda s: _velocity(s)[1]),
     "longitudinal_acceleration": ((_POSE, _MOTION), lambda s: _acceleration(s)[0]),
     "lateral_acceleration": ((_POSE, _MOTION), lambda s: _acceleration(s)[1]),
-    "speed": ((_POSE, ("longitudinal_velocity",)), lambda s: _speed(s)),
-    "speed_rate": ((("speed",), ("longitudinal_velocity",)), lambda s: _speed_rate(s)),
+    "speed": (
+        (_POSE, ("longitudinal_velocity",)),
+        lambda s: s["longitudinal_velocity"] if "longitudinal_velocity" in s.signals else _velocity(s)[0],
+    ),
+    "speed_rate": (
+        (("speed",), ("longitudinal_velocity",)),
+        lambda s: s.rate("speed" if "speed" in s.signals else "longitudinal_velocity"),
+    ),
     "sideslip_angle": (
         (("longitudinal_velocity", "lateral_velocity"),),
         lambda s: np.arctan2(s["lateral_velocity"], s["longitudinal_velocity"]),
     ),
 }
 """Signals that can be derived: the sets of signals of which one suffices, and the function."""
-
-
-def _speed(s: Sources) -> Floats:
-    return s["longitudinal_velocity"] if "longitudinal_velocity" in s.signals else _velocity(s)[0]
-
-
-def _speed_rate(s: Sources) -> Floats:
-    return s.rate("speed" if "speed" in s.signals else "longitudinal_velocity")

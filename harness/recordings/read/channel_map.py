@@ -207,7 +207,7 @@ def load_map(source: str | Path | Mapping[str, Any]) -> ChannelMap:
         UserError: If the file cannot be read or anything in it is wrong: one line per problem with file, key and
             remedy. Blank units are refused: a number without a unit is a guess.
     """
-    where, content = _name_of(source), map_content(source)
+    where, content = "channels" if isinstance(source, Mapping) else str(_file(source)), map_content(source)
     problems = Problems(where)
     raw = _validate({k: v for k, v in content.items() if k in MapFile.model_fields}, MapFile, problems, "")
     entries = {k: v for k, v in content.items() if k not in MapFile.model_fields}
@@ -236,11 +236,6 @@ def map_content(source: str | Path | Mapping[str, Any]) -> Mapping[str, Any]:
         UserError: If the file cannot be read.
     """
     return source if isinstance(source, Mapping) else read_toml(_file(source))
-
-
-def _name_of(source: str | Path | Mapping[str, Any]) -> str:
-    """Return what messages call a map."""
-    return "channels" if isinstance(source, Mapping) else str(_file(source))
 
 
 def _file(source: str | Path) -> Path:
