@@ -27,7 +27,7 @@ from harness.common.stages import bar
 from harness.config import ModelSpec
 from harness.diagnosis.criteria import ROUNDS
 from harness.diagnosis.fitting import KeptFits
-from harness.diagnosis.known_gains import known_ranges
+from harness.diagnosis.gain_ranges import gain_ranges
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.result.estimator_gain import EstimatorErrors, compile_estimators, estimators_on
 from harness.diagnosis.result.outcome import Outcome, outcome_of
@@ -209,7 +209,7 @@ def run_trace(task: TraceTask, folder: Path, console: Console, augmented: Augmen
     # Drives share the cores. Threads of the linear algebra would wait for each other: twice the time of a score test.
     try:
         with threadpool_limits(1), progress(console) as say:
-            augmented = (augmented or augmented_model_of(task)).within(known_ranges(recordings))
+            augmented = (augmented or augmented_model_of(task)).within(gain_ranges(recordings))
             outcome = replace(_searched(task, augmented, say, failures, kept), notes=notes)
             write_outcome(outcome, folder)
             _compile(task, outcome, say)

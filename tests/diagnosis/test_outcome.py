@@ -100,7 +100,7 @@ def test_the_vehicle_has_a_frame_where_an_addition_changes_the_model(outcome):
     spec = outcome.trace.fitting.augmented.spec
     plan = Planner(spec.model(), VEHICLES.load(spec.vehicle)).plan(spec.values)
     axle = next(iter(plan.axles))
-    ranked = outcome.where.nominal.ranked_inputs
+    ranked = outcome.localisation.nominal.ranked_inputs
     drawn = {}
     for port in ("road_wheel_angle", f"slip_angle_axle_{axle}", ranked[0].disturbance_input.ports[0]):
         drawn[port] = picture(plan, ranked, {"an addition": [port]})
@@ -120,7 +120,7 @@ LATER = {
 @pytest.mark.fails_in_part
 @pytest.mark.parametrize(
     "places",
-    [LATER, {"harness.diagnosis.result.outcome.where": "the search for where something is missing"}],
+    [LATER, {"harness.diagnosis.result.outcome.localised": "the search for where something is missing"}],
     ids=["each", "all"],
 )
 def test_what_fails_after_the_search_leaves_verdict_and_report(trace, tmp_path, monkeypatch, places):
@@ -324,7 +324,9 @@ def test_a_disturbance_without_a_name_makes_it_likelier_that_no_name_is_right(ou
     models = (ComparedModel((lag,), final, 0.0, zero, Interval(0.0, 0.0, 0.0), 1.0, 0.9),)
     trace = dataclasses.replace(outcome.trace, posterior=Posterior(models, 0.1, zero))
     found = UnmodelledDisturbance((), {}, 5.0, outcome.trace.after, ())
-    said = dataclasses.replace(outcome, trace=trace, where=dataclasses.replace(outcome.where, unmodelled=found))
+    said = dataclasses.replace(
+        outcome, trace=trace, localisation=dataclasses.replace(outcome.localisation, unmodelled=found)
+    )
     odds = 0.9 * PRIORS.odds["none"] * math.exp(5.0)
     text, record = reported(said, tmp_path)
     assert record["posterior"]["none_of_these"] == pytest.approx((0.1 + odds) / (1.0 + odds))
@@ -339,8 +341,10 @@ def test_a_disturbance_without_a_name_makes_it_likelier_that_no_name_is_right(ou
 
 def weighed(outcome, posterior):
     """Return an outcome with probabilities, and nothing that has no name."""
-    where = dataclasses.replace(outcome.where, unmodelled=None)
-    return dataclasses.replace(outcome, trace=dataclasses.replace(outcome.trace, posterior=posterior), where=where)
+    localisation = dataclasses.replace(outcome.localisation, unmodelled=None)
+    return dataclasses.replace(
+        outcome, trace=dataclasses.replace(outcome.trace, posterior=posterior), localisation=localisation
+    )
 
 
 def test_the_first_page_says_where_the_likeliest_model_is_not_what_was_added(outcome):

@@ -58,7 +58,7 @@ class AugmentedModel(FilteredModel):
     Attributes:
         placements: Every effect at every place that may be lacking.
         processes: The random processes among them, which are in none of the placements.
-        ranges: From where to where parameters are possible by what was measured besides, see ``known_gains``; others
+        ranges: From where to where parameters are possible by what was measured besides, see ``gain_ranges``; others
             are possible where they are declared to be.
     """
 

@@ -32,7 +32,7 @@ from harness.reporting.document import (
 
 def where(outcome: Outcome) -> list[Block]:
     """Return where an unknown disturbance would explain most, and its smoothed course."""
-    localisation = outcome.where
+    localisation = outcome.localisation
     if localisation.nominal is None or localisation.final is None:
         return [Prose(plain("It could not be computed."))]
     if not localisation.shown:
@@ -70,7 +70,7 @@ def where(outcome: Outcome) -> list[Block]:
 
 def from_above(outcome: Outcome) -> list[Block]:
     """Return the vehicle from above, for the first page; nothing if its equations do not say where its axles stand."""
-    localisation, augmented = outcome.where, outcome.trace.fitting.augmented
+    localisation, augmented = outcome.localisation, outcome.trace.fitting.augmented
     if localisation.nominal is None or not localisation.shown:
         return []
     plan = planner(augmented.nominal, VEHICLES.load(augmented.spec.vehicle)).plan(augmented.spec.values)
@@ -100,7 +100,7 @@ def _histories(localisation: Localisation) -> list[Block]:
 
 def unmodelled(outcome: Outcome) -> list[Block]:
     """Return the disturbance that no effect of the library explains, if one was found."""
-    disturbance = outcome.where.unmodelled
+    disturbance = outcome.localisation.unmodelled
     if disturbance is None:
         return []
     blocks: list[Block] = [
@@ -123,11 +123,11 @@ def _periodic(disturbance: UnmodelledDisturbance) -> list[Block]:
 
 
 def _curves(outcome: Outcome, disturbance: UnmodelledDisturbance) -> list[Block]:
-    if not disturbance.curves or outcome.where.final is None:
+    if not disturbance.curves or outcome.localisation.final is None:
         return []
     return [
         Drawing(
-            partial(residual_figures.curves, outcome.where.final, disturbance.curves),
+            partial(residual_figures.curves, outcome.localisation.final, disturbance.curves),
             "Curves fitted to the innovations of the fitted drives. Points: mean of the disturbance that the smoother "
             "estimates without the signal; it shrinks towards zero where the drives carry little information.",
             "Disturbance over the signal that it depends on, with its band.",
@@ -166,9 +166,9 @@ def _study_gain(outcome: Outcome, disturbance: UnmodelledDisturbance) -> str:
 
 def innovations(outcome: Outcome) -> list[Block]:
     """Return whether the innovations are as large as the filter states, and which signals they depend on."""
-    if outcome.where.final is None:
+    if outcome.localisation.final is None:
         return []
-    augmented, linear = outcome.trace.fitting.augmented, outcome.where.final.linear
+    augmented, linear = outcome.trace.fitting.augmented, outcome.localisation.final.linear
     regressors = regressors_of(augmented)
     whitened = [p.whitened for p in linear]
     checks = [consistency(p.drive.time[1:], w[1:]) for p, w in zip(linear, whitened, strict=True)]

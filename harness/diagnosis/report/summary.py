@@ -68,8 +68,8 @@ def _table(outcome: Outcome) -> Sheet:
     nameless = outcome.verdict == "amended" and not outcome.added
     rows = [["verdict", _NAMELESS if nameless else _MEANING[outcome.verdict]]]
     rows += [["what", called(h.name)] for h in outcome.added]
-    if outcome.where.unmodelled is not None:
-        rows += [["what", f"not in the library: {text}"] for text in unmodelled_words(outcome.where.unmodelled)]
+    if outcome.localisation.unmodelled is not None:
+        rows += [["what", f"not in the library: {text}"] for text in unmodelled_words(outcome.localisation.unmodelled)]
     rows += [["how large", line] for line in _sizes(outcome)]
     rows += [["refitted", _instead(outcome, v)] for v in outcome.refitted]
     rows += [["how likely", line] for line in likely(outcome)]
@@ -123,7 +123,7 @@ def _certainty(outcome: Outcome) -> list[str]:
             "known before, as “how likely” shows"
             for h in instead
         ]
-    if (process := outcome.where.random_process) is not None:
+    if (process := outcome.localisation.random_process) is not None:
         names = listed([called(h.name) for h in process.hypotheses])
         evidence.append(
             f"{names}: log-likelihood of a filter with it {style.number(process.gain)} "
@@ -136,11 +136,11 @@ def _certainty(outcome: Outcome) -> list[str]:
 def _improvements(outcome: Outcome) -> list[str]:
     """Return how far the errors of simulation and estimators fall on the held-out drives."""
     trace, improvements = outcome.trace, []
-    if not outcome.added and outcome.where.unmodelled is None:
+    if not outcome.added and outcome.localisation.unmodelled is None:
         return []
     outputs, after_all = list(trace.fitting.augmented.model.outputs), outcome.after.error
     fall = _fall(trace.before.error, after_all)
-    foretold = trace.added or outcome.where.unmodelled is not None  # no simulation predicts a random process
+    foretold = trace.added or outcome.localisation.unmodelled is not None  # no simulation predicts a random process
     for a in np.argsort(-np.where(np.isfinite(fall), fall, np.inf))[:2] if foretold else ():
         q = quantity(outputs[a])
         errors = trace.before.error[a], after_all[a], trace.held_out.floor[a]

@@ -43,7 +43,7 @@ NOWHERE = Localisation(None, None, (), None)
 """Where it could not be looked for."""
 
 
-def where(trace: Trace, amended: ModelSpec, unexplained: bool, failures: Failures = RAISED) -> Localisation:
+def localised(trace: Trace, amended: ModelSpec, unexplained: bool, failures: Failures = RAISED) -> Localisation:
     """Rank where the nominal model and the final one lack.
 
     Args:

@@ -14,7 +14,7 @@ from harness.config import ModelSpec
 from harness.diagnosis.criteria import WHITE
 from harness.diagnosis.fitting import FittedHypothesis
 from harness.diagnosis.model.hypotheses import Hypothesis
-from harness.diagnosis.residuals.localisation import NOWHERE, Localisation, where
+from harness.diagnosis.residuals.localisation import NOWHERE, Localisation, localised
 from harness.diagnosis.residuals.random_process import RandomProcess
 from harness.diagnosis.result.answer import Value, Verdict, answer, final_judgement, final_posterior, strays, verdict_of
 from harness.diagnosis.result.estimator_gain import EstimatorErrors, fitted_model
@@ -72,7 +72,7 @@ class Outcome:
         judged: Every drive against the nominal model and the final one.
         nominal: The nominal model, refitted, for studies.
         amended: The final model, for studies; effects with change times hold those of the first fitted drive.
-        where: Where the model lacks something, and the unmodelled disturbance that is left.
+        localisation: Where the model lacks something, and the unmodelled disturbance that is left.
         estimators: Estimators on the held-out drives with the nominal and the amended model, where asked for.
         study_gain: A study with the amended plant against both beliefs, where asked for; why it could not be run, in
         words.
@@ -88,7 +88,7 @@ class Outcome:
     judged: tuple[Judged, ...]
     nominal: ModelSpec
     amended: ModelSpec
-    where: Localisation
+    localisation: Localisation
     estimators: tuple[EstimatorErrors, ...] = ()
     study_gain: StudyGain | str | None = None
     notes: tuple[str, ...] = ()
@@ -103,18 +103,18 @@ class Outcome:
     @property
     def posterior(self) -> Posterior | None:
         """How likely each model is, and that none of them is right."""
-        return final_posterior(self.trace, self.where)
+        return final_posterior(self.trace, self.localisation)
 
     @property
     def added(self) -> tuple[Hypothesis, ...]:
         """Everything that was added, a random process last."""
-        process = self.where.random_process
+        process = self.localisation.random_process
         return self.trace.added if process is None else (*self.trace.added, *process.hypotheses)
 
     @property
     def after(self) -> Judgement:
         """The final model on the held-out drives: with what has no name, if that helps there."""
-        return final_judgement(self.trace, self.where)
+        return final_judgement(self.trace, self.localisation)
 
 
 def outcome_of(trace: Trace, say: Say = lambda _: None, failures: Failures = RAISED) -> Outcome:
@@ -134,7 +134,7 @@ def outcome_of(trace: Trace, say: Say = lambda _: None, failures: Failures = RAI
     coloured = not judged or any(w.p_value < WHITE for j in judged if j.held_out for w in j.whiteness)
     localisation = failures.attempt(
         "the search for where something is missing",
-        lambda: where(trace, amended, coloured or strays(trace), failures),
+        lambda: localised(trace, amended, coloured or strays(trace), failures),
         lambda _: NOWHERE,
     )
     if localisation.random_process is not None:

@@ -40,7 +40,7 @@ _FEWEST = 30
 Ranges = dict[str, tuple[float, float]]
 
 
-def known_ranges(recordings: Sequence[xr.Dataset]) -> Ranges:
+def gain_ranges(recordings: Sequence[xr.Dataset]) -> Ranges:
     """Return the least and the largest value of each gain that positions have measured, by parameter.
 
     They are infinite where the drives do not tell: at one speed a gain and a loss by speed are the same.

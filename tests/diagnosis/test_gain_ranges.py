@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from harness.diagnosis.known_gains import _regressed, known_ranges
+from harness.diagnosis.gain_ranges import _regressed, gain_ranges
 from harness.diagnosis.model.hypotheses import coordinates, hypotheses
 from harness.diagnosis.report.summary import measured_ranges
 from support.driven_car import FREE
@@ -41,7 +41,7 @@ def recorded(seed, gain=0.0, loss=0.0, wheel=0.0, duration=300.0, varied=4.0, no
 def test_what_is_off_is_within_its_range_and_what_is_not_cannot_be_far(wrong):
     names = {"gain": GAIN, "loss": LOSS, "wheel": WHEEL}
     for seed in range(3):
-        found = known_ranges([recorded(10 * seed + i, **wrong) for i in range(3)])
+        found = gain_ranges([recorded(10 * seed + i, **wrong) for i in range(3)])
         for name, parameter in names.items():
             low, high = found[parameter]
             assert low <= wrong.get(name, 0.0) <= high
@@ -59,14 +59,14 @@ def test_positions_once_a_second_do_not_exclude_the_truth():
             time, some = drive["time"].to_numpy(), slice(None, None, round(1.0 / STEP))
             joined = {p: ("time", np.interp(time, time[some], drive[p][some])) for p in ("position_x", "position_y")}
             coarse.append(drive.assign(joined))
-        low, high = known_ranges(coarse)[GAIN]
+        low, high = gain_ranges(coarse)[GAIN]
         assert low <= gain <= high
 
 
 @pytest.mark.parametrize("noise", [0.0, 1.0])
 @pytest.mark.parametrize("gain", [-0.06, 0.0, 0.06])
 def test_at_one_speed_a_gain_is_not_told_from_a_loss_by_speed(noise, gain):
-    found = known_ranges([recorded(i, gain=gain, varied=0.0, noise=noise) for i in range(3)])
+    found = gain_ranges([recorded(i, gain=gain, varied=0.0, noise=noise) for i in range(3)])
     assert all(low < -0.5 and high > 0.5 for low, high in (found[GAIN],))
     assert found[LOSS][0] < -0.02 < 0.02 < found[LOSS][1]
     assert found[WHEEL] == pytest.approx((-0.01, 0.01), abs=0.003)
@@ -81,12 +81,12 @@ def test_a_speed_that_was_derived_from_the_positions_agrees_with_them():
 
 def test_what_has_no_positions_or_hardly_moves_says_nothing():
     drive = recorded(1)
-    assert known_ranges([drive.drop_vars("position_x")]) == {}
-    assert known_ranges([recorded(1, duration=60.0)]) == {}
+    assert gain_ranges([drive.drop_vars("position_x")]) == {}
+    assert gain_ranges([recorded(1, duration=60.0)]) == {}
     standing = drive.assign({p: 0.0 * drive[p] for p in ("position_x", "position_y")})
-    assert known_ranges([standing]) == {}
+    assert gain_ranges([standing]) == {}
     gap = drive["position_x"].where(drive["time"] > 200.0)
-    assert known_ranges([drive.assign(position_x=gap)]) == {}
+    assert gain_ranges([drive.assign(position_x=gap)]) == {}
 
 
 def test_the_search_is_held_to_the_ranges(augmented):
