@@ -1,4 +1,4 @@
-"""How the public objects show themselves in a notebook and on the console, are compared and state their keywords."""
+"""Representation, comparison and spelled-out keywords of the public objects."""
 
 from __future__ import annotations
 

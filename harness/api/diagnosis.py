@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -14,9 +15,35 @@ from harness.api.recordings import recordings_of
 if TYPE_CHECKING:
     import pandas as pd
 
+    from harness.config import ModelSpec
+    from harness.diagnosis.model.hypotheses import Hypothesis
+    from harness.diagnosis.result.answer import Value
     from harness.diagnosis.result.outcome import Outcome
 
 ESTIMATORS = ("ekf", "ukf", "cdkf")
+
+
+@dataclass(frozen=True)
+class TraceNumbers:
+    """What of the outcome of a trace is pickled."""
+
+    verdict: str
+    answer: str
+    added: tuple[Hypothesis, ...]
+    values: dict[str, tuple[Value, ...]]
+    nominal: ModelSpec
+    amended: ModelSpec
+    record: dict[str, Any]
+
+
+def _numbers(outcome: Any) -> TraceNumbers | None:
+    """Return what is pickled of the outcome of a trace."""
+    if outcome is None or isinstance(outcome, TraceNumbers):
+        return outcome
+    from harness.diagnosis.result.record import record
+
+    names = ("verdict", "answer", "added", "values", "nominal", "amended")
+    return TraceNumbers(**{name: getattr(outcome, name) for name in names}, record=record(outcome))
 
 
 class Diagnosis(Shown):
@@ -58,7 +85,7 @@ class Diagnosis(Shown):
             ROLE.load(kind, ())
         self.study = None if study is None else Path(study)
         self.repeats, self.jobs = repeats, jobs
-        self._outcome: Outcome | None = None
+        self._outcome: Outcome | TraceNumbers | None = None
 
     def fit(self, model: Model, train: Any, test: Any, folder: str | Path | None = None) -> Self:
         """Find what the model lacks.
@@ -134,15 +161,22 @@ class Diagnosis(Shown):
     @property
     def record_(self) -> dict[str, Any]:
         """Everything as ``trace.json`` has it, SI units."""
-        from harness.diagnosis.result.record import record
-
-        return record(self._found)
+        outcome = _numbers(self._found)
+        assert outcome is not None
+        return outcome.record
 
     @property
-    def _found(self) -> Outcome:
+    def _found(self) -> Outcome | TraceNumbers:
         if self._outcome is None:
             raise AttributeError("nothing was fitted yet; call fit(model, train, test) first")
         return self._outcome
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is pickled: of the outcome its numbers, without the kernels that figures are made with."""
+        return {**vars(self), "_outcome": _numbers(self._outcome), "_scratch": None}
+
+    def _state(self) -> Any:
+        return self.__getstate__()
 
     def report(self, folder: str | Path, command: str = IN_PYTHON) -> list[Path]:
         """Write ``report.html``, ``report.pdf``, ``trace.json``, ``nominal.toml`` and ``amended.toml``.
@@ -163,6 +197,8 @@ class Diagnosis(Shown):
 
         if self._outcome is None:
             raise UserError("the diagnosis has nothing to report yet; call fit(model, train, test) first")
+        if isinstance(self._outcome, TraceNumbers):
+            raise UserError("the diagnosis comes from a pickle, which holds no figures; report before it is pickled")
         outcome = self._outcome
         written = report(outcome, command).write(Path(folder), failures=outcome.failures)
         return [*written, *write_outcome(outcome, Path(folder))]

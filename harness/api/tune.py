@@ -64,12 +64,9 @@ def tune(
         ... amplitude = "20 deg"
         ... duration = "5 s"
         ... ''')
+        >>> car, sine = h.model("car", "govindarajan_2018", sensors="car_series"), h.drive("sine", amplitude="20 deg")
         >>> study = h.Study(
-        ...     plant=h.model("car", "govindarajan_2018", sensors="car_series"),
-        ...     targets=["lateral_velocity"],
-        ...     drives=[h.drive("sine", duration="10 s", amplitude="20 deg")],
-        ...     estimators=["ekf"],
-        ...     designs=[h.design("nominal")],
+        ...     car, targets=["yaw_rate"], drives=sine, estimators=["ekf"], designs=[h.design("nominal")]
         ... )
         >>> tuned = h.tune(study, drives, budget=48)
         >>> sorted(tuned.factors.columns)
@@ -82,7 +79,7 @@ def tune(
     from harness.study import tune as likelihood
     from harness.study import worst_case
 
-    spec = _untuned(study.spec) if isinstance(study, Study) else load_study(study, tuned=False)
+    spec = load_study(study, tuned=False) if not isinstance(study, Study) else _untuned(study.spec)
     training = replace(spec, drives=load_drives(str(drives), spec.path.parent))
     with showing(Console(stderr=True), "tuning") as show:
         if objective == "likelihood":

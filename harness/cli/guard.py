@@ -1,4 +1,4 @@
-"""What every command does with what it raises: one message and an exit status, and no traceback.
+"""Answers of every command to what it raises: one message and an exit status, and no traceback.
 
 Whatever is raised that is neither a ``UserError`` nor a failure of the machine is a fault of the harness, or of code of
 the user's own that it runs. Its traceback goes to a file beside the output; the message says where, and whom it

@@ -1,4 +1,4 @@
-"""What ``harness list`` shows: every component of a role with the first line of its docstring, and its settings.
+"""Tables of ``harness list``: every component of a role with the first line of its docstring, and its settings.
 
 Nothing is listed here by hand. Docstrings are read without importing the files, so that a listing is quick and a file
 that does not import still shows.

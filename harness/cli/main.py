@@ -300,20 +300,23 @@ def _closest(word: str, choices: list[str]) -> str:
 @_answers_errors
 def list_(
     role: Annotated[
-        str,
+        str | None,
         typer.Argument(
             help="models (all parts of a model), vehicles, tyres, effects, sensors, parameters, drives, "
-            "estimators, readers, signals, studies, drive-sets, channels or networks."
+            "estimators, readers, signals, studies, drive-sets, channels or networks; all of these if absent."
         ),
-    ],
+    ] = None,
     name: Annotated[str | None, typer.Argument(help="One file of that role, with its settings.")] = None,
 ) -> None:
     """Show what there is to choose from.
 
     Every component of a role with where it comes from, or one of them with its settings.
     """
-    from harness.cli.listing import show
+    from harness.cli.listing import ROLES, show
 
+    if role is None:
+        Console().print(Text("\n".join(f"harness list {each}" for each in ROLES)), soft_wrap=True)
+        return
     show(_wide_console(), role, name, HERE)
 
 

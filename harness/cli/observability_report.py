@@ -1,4 +1,4 @@
-"""What ``harness observability`` writes and prints: the figure in the form of Bild 5.2 (Ziaukas 2023), and a table.
+"""Figure (in the form of Bild 5.2, Ziaukas 2023) and table of ``harness observability``.
 
 Beside the command and not in it, because Matplotlib takes longer to import than ``harness --help`` may take.
 """

@@ -1,4 +1,4 @@
-"""What the commands share: where studies and results are, and a model or a drive stated by options."""
+"""Options that commands share: places of studies and results, a model and a drive stated on the command line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a command writes to is looked at before anything is computed: a folder that can be filled, and no other's."""
+"""Checks of an output folder before anything is computed: that it can be filled, and holds no other's result."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What ``harness estimate`` and ``harness tune --data`` share: recordings, and the model that estimators believe."""
+"""Options of the commands that take recordings, and the model that estimators believe on them."""
 
 from __future__ import annotations
 

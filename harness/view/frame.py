@@ -1,4 +1,4 @@
-"""What all pages share: their template, their style, and the address that says what they show."""
+"""Template, style and address bar of all pages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which page shows a result folder: told by the files that its command wrote."""
+"""Choice of the page of a result folder, by the files that its command wrote."""
 
 from __future__ import annotations
 

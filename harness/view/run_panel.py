@@ -1,4 +1,4 @@
-"""What the page shows of one run: its figures, whether it is the stored one, what to take away, and what if."""
+"""Panel of one run: its figures, whether it is the stored one, downloads, and what-if sliders."""
 
 from __future__ import annotations
 

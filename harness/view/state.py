@@ -1,4 +1,4 @@
-"""What a page shows, as the query of its address says it: whoever opens the address sees the same."""
+"""State of a page as the query of its address: whoever opens the address sees the same."""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """A diagnosis as an object: what it hands to the search, and what it says of the outcome."""
 
+import pickle
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,6 +8,7 @@ import pandas as pd
 import pytest
 
 import harness as h
+from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.result.answer import Value
 
 TIME = np.round(np.arange(0, 25, 0.02), 9)
@@ -87,3 +89,17 @@ def test_a_drive_that_is_fitted_is_not_held_out(searched, car):
 def test_an_unknown_estimator_is_refused_at_once():
     with pytest.raises(h.ModelError, match="closest: ekf"):
         h.Diagnosis(estimators=["ekff"])
+
+
+def test_a_fitted_diagnosis_is_pickled_with_its_numbers_and_without_figures(searched, car, tmp_path, monkeypatch):
+    monkeypatch.setattr("harness.diagnosis.result.record.record", lambda outcome: {"verdict": outcome.verdict})
+    fitted = h.Diagnosis(estimators="ekf").fit(car, drive(0), drive(2), tmp_path)
+    fitted._outcome.added = (Hypothesis("steering_lag", "effect", ("steering_lag",)),)
+    again = pickle.loads(pickle.dumps(fitted))
+    assert again == fitted
+    assert (again.verdict_, again.answer_, again.record_) == ("amended", "The steering lags.", {"verdict": "amended"})
+    assert again.effects_.equals(fitted.effects_)
+    assert again.amended_ == fitted.amended_
+    assert again != h.Diagnosis(estimators="ekf")
+    with pytest.raises(h.UserError, match="report before it is pickled"):
+        again.report(tmp_path)
