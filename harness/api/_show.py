@@ -88,28 +88,28 @@ class Shown:
     __hash__ = None  # type: ignore[assignment]
 
 
-def same(one: Any, other: Any) -> bool:
+def same(first: Any, second: Any) -> bool:
     """Return whether two objects hold the same, to the last bit: what pickle would write of them."""
     import numpy as np
 
-    if one is other:
+    if first is second:
         return True
-    if type(one) is not type(other):
+    if type(first) is not type(second):
         return False
-    if isinstance(one, np.ndarray | np.generic):
-        return one.dtype == other.dtype and np.array_equal(one, other, equal_nan=one.dtype.kind in "fcmM")
-    if isinstance(one, float):
-        return bool(one == other or (one != one and other != other))
-    if hasattr(one, "identical"):  # of xarray and of an index of pandas
-        return bool(one.identical(other))
-    if hasattr(one, "equals"):  # of pandas
-        return bool(one.equals(other))
-    if isinstance(one, Mapping):
-        return list(one) == list(other) and all(same(value, other[key]) for key, value in one.items())
-    if isinstance(one, list | tuple):
-        return len(one) == len(other) and all(map(same, one, other))
-    if dataclasses.is_dataclass(one):
-        return all(same(getattr(one, f.name), getattr(other, f.name)) for f in dataclasses.fields(one))
-    if type(one).__eq__ is object.__eq__:
-        return same(one.__reduce_ex__(4), other.__reduce_ex__(4))
-    return bool(one == other)
+    if isinstance(first, np.ndarray | np.generic):
+        return first.dtype == second.dtype and np.array_equal(first, second, equal_nan=first.dtype.kind in "fcmM")
+    if isinstance(first, float):
+        return bool(first == second or (first != first and second != second))
+    if hasattr(first, "identical"):  # of xarray and of an index of pandas
+        return bool(first.identical(second))
+    if hasattr(first, "equals"):  # of pandas
+        return bool(first.equals(second))
+    if isinstance(first, Mapping):
+        return list(first) == list(second) and all(same(value, second[key]) for key, value in first.items())
+    if isinstance(first, list | tuple):
+        return len(first) == len(second) and all(map(same, first, second))
+    if dataclasses.is_dataclass(first):
+        return all(same(getattr(first, f.name), getattr(second, f.name)) for f in dataclasses.fields(first))
+    if type(first).__eq__ is object.__eq__:
+        return same(first.__reduce_ex__(4), second.__reduce_ex__(4))
+    return bool(first == second)

@@ -143,8 +143,10 @@ class Diagnosis(Shown):
         """
         import pandas as pd
 
-        found = self._found
-        rows = {(h.name, v.name): (h.kind, v.value, v.std, v.unit) for h in found.added for v in found.values[h.name]}
+        outcome = self._found
+        rows = {
+            (h.name, v.name): (h.kind, v.value, v.std, v.unit) for h in outcome.added for v in outcome.values[h.name]
+        }
         index = pd.MultiIndex.from_tuples(list(rows), names=["addition", "parameter"])
         return pd.DataFrame(list(rows.values()), index=index, columns=["kind", "value", "standard_error", "unit"])
 

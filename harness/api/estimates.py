@@ -74,15 +74,15 @@ def _named(given: Any) -> dict[str, Estimator]:
 
     if isinstance(given, Mapping):
         return {str(name): _made(each) for name, each in given.items()}
-    found: dict[str, Estimator] = {}
+    named: dict[str, Estimator] = {}
     for each in map(_made, [given] if isinstance(given, str | Estimator) else given):
         name = " ".join([each.kind.upper(), *(f"{k}={_short(v)}" for k, v in each.settings.items())])
-        if name in found:
+        if name in named:
             raise UserError(f"estimators: {name} is asked for twice")
-        found[name] = each
-    if not found:
+        named[name] = each
+    if not named:
         raise UserError("estimators: give at least one")
-    return found
+    return named
 
 
 def _made(given: Estimator | str) -> Estimator:
@@ -115,15 +115,15 @@ def _run(
 
     drives = [model.drive(r, r.attrs["name"]) for r in recordings]
     tasks = [(i, e) for i in range(len(recordings)) for e in range(len(estimators))]
-    found: dict[tuple[int, int], xr.Dataset] = {}
+    runs: dict[tuple[int, int], xr.Dataset] = {}
     shown = bar(Console(stderr=True), TimeElapsedColumn(), widest=30)
     with shown as progress, ThreadPoolExecutor(jobs) as pool:
         task_shown = progress.add_task("compiling and estimating", total=len(tasks))
         futures = {pool.submit(estimators[e].run, recordings[i], seed, drives[i]): (i, e) for i, e in tasks}
         for future in as_completed(futures):
-            found[futures[future]] = future.result()
+            runs[futures[future]] = future.result()
             progress.advance(task_shown)
-    return [found[task] for task in tasks]
+    return [runs[task] for task in tasks]
 
 
 class Estimates(Shown):

@@ -98,8 +98,8 @@ def _is_none(given: Any) -> bool:
 class Identification(Shown):
     """Parameters as found; made by ``harness.identify``."""
 
-    def __init__(self, found: Fitted) -> None:
-        self._found = found
+    def __init__(self, fitted: Fitted) -> None:
+        self._found = fitted
 
     @property
     def model(self) -> Model:

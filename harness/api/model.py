@@ -332,8 +332,8 @@ def model_of(spec: ModelSpec) -> Model:
 def _noise_of(spec: ModelSpec) -> dict[str, dict[str, float]]:
     """Return the variances of a record by kind; inputs are left out where all are exact."""
     process = {n: v for n, v in spec.process_noise.items() if n not in spec.model().within}
-    found = {"process": process, "measurement": spec.measurement_noise, "input": spec.input_noise}
-    return {kind: noise for kind, noise in found.items() if noise or kind != "input"}
+    variances = {"process": process, "measurement": spec.measurement_noise, "input": spec.input_noise}
+    return {kind: noise for kind, noise in variances.items() if noise or kind != "input"}
 
 
 def _list(names: Sequence[Any] | None) -> Any:

@@ -60,12 +60,12 @@ def simulate(model: Model, drive: Drive, seed: int | None = None, signals: Seque
     spec = model.spec
     for signal in signals:
         spec.model().resolve(signal)
-    found = simulate_drive(spec, profile_of(spec, drive), signals, seed, held=False)
+    run = simulate_drive(spec, profile_of(spec, drive), signals, seed, held=False)
     inputs = set(spec.model().inputs) - set(spec.model().states)
     outputs = set(spec.model().outputs)
-    for name, variable in found.data_vars.items():
+    for name, variable in run.data_vars.items():
         variable.attrs["role"] = "measurement" if name in outputs else "input" if name in inputs else "truth"
-    return found.assign_attrs(name=drive.name)
+    return run.assign_attrs(name=drive.name)
 
 
 def read_recording(
@@ -128,13 +128,13 @@ def recordings_of(given: Any, what: str) -> list[xr.Dataset]:
     several = given if isinstance(given, list | tuple) else [given]
     if not several:
         raise UserError(f"{what}: give at least one recording")
-    found = []
+    recordings = []
     for i, each in enumerate(several):
         if not isinstance(each, xr.Dataset) or each.get("time", xr.DataArray(0)).dtype.kind in "mM":
-            found.append(read_recording(each))
+            recordings.append(read_recording(each))
         else:
-            found.append(_completed(each, f"{what}[{i}]" if isinstance(given, list | tuple) else what))
-    return found
+            recordings.append(_completed(each, f"{what}[{i}]" if isinstance(given, list | tuple) else what))
+    return recordings
 
 
 def _completed(recording: xr.Dataset, what: str) -> xr.Dataset:
@@ -145,9 +145,9 @@ def _completed(recording: xr.Dataset, what: str) -> xr.Dataset:
     if np.ptp(np.diff(time)) > _UNEVEN * abs(time[-1] - time[0]) / (len(time) - 1):
         raise UserError(f"{what}: is not sampled evenly; harness.read_recording brings it onto one time base")
     name = str(recording.attrs.get("name") or "recording")
-    known = {"name": name, "file": name, "reference": "CoG", "warnings": []}
+    defaults = {"name": name, "file": name, "reference": "CoG", "warnings": []}
     begun = recording["time"].copy(data=time - time[0]) if time[0] else recording["time"]
-    found = recording.assign_coords(time=begun).assign_attrs({**known, **recording.attrs})
-    for each in found.data_vars.values():
+    completed = recording.assign_coords(time=begun).assign_attrs({**defaults, **recording.attrs})
+    for each in completed.data_vars.values():
         each.attrs = {"derived": 0, **each.attrs}
-    return found
+    return completed

@@ -128,8 +128,8 @@ class Replays(StoredRuns):
         if wanted is not None and not list(wanted):
             raise UserError(f"name at least one estimator; there are: {', '.join(names)}")
         chosen = None if wanted is None else [_index("estimator", name, names) for name in wanted]
-        found = self.replayer.run(place, chosen, changes)
-        return Replay(found, None if changes else self.comparison(found, self.stored(found)), changes)
+        replayed = self.replayer.run(place, chosen, changes)
+        return Replay(replayed, None if changes else self.comparison(replayed, self.stored(replayed)), changes)
 
     @staticmethod
     def changes(plant: Mapping[str, Any] | None, belief: Mapping[str, Any] | None) -> list[Change]:

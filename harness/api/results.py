@@ -54,12 +54,12 @@ def open_results(folder: str | Path) -> Results:
         >>> results["mass/rmse"].dims
         ('band', 'sample', 'drive', 'repeat', 'estimator', 'target')
     """
-    found = read(place(folder))
-    root = xr.Dataset(attrs={**found.attributes, "folder": str(folder)})
-    nodes = {d.name: _ordered(d.data) for d in found.designs}
-    runs = {f"history/{i}": history for i, history in enumerate(found.histories)}
-    tree = Results.from_dict({"/": root, **nodes, **runs}, name=str(found.attributes.get("study_name", "")))
-    tree._read = found
+    stored = read(place(folder))
+    root = xr.Dataset(attrs={**stored.attributes, "folder": str(folder)})
+    nodes = {d.name: _ordered(d.data) for d in stored.designs}
+    runs = {f"history/{i}": history for i, history in enumerate(stored.histories)}
+    tree = Results.from_dict({"/": root, **nodes, **runs}, name=str(stored.attributes.get("study_name", "")))
+    tree._read = stored
     return tree
 
 
@@ -92,10 +92,10 @@ class Results(xr.DataTree):
     @property
     def _found(self) -> StudyResults:
         """The same as the report takes it; read again where xarray has made a new tree of this one."""
-        found = getattr(self, "_read", None)
-        if found is None:
-            found = self._read = read(place(str(self.root.attrs["folder"])))
-        return found
+        stored = getattr(self, "_read", None)
+        if stored is None:
+            stored = self._read = read(place(str(self.root.attrs["folder"])))
+        return stored
 
     def to_dataframe(self, design: str | None = None, report_units: bool = False) -> pd.DataFrame:
         """Return the scores as a tidy table: one row per run, estimator and target, of what is selected.

@@ -124,18 +124,18 @@ def table(path: str | Path, masses: Sequence[float] = (8e3, 24e3, 32e3)) -> str:
         "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for name, (kind, _) in drives.items():
-        profile, found = profiles[name], peaks[name]
+        profile, largest = profiles[name], peaks[name]
         slow, fast = profile.speed.min(), profile.speed.max()
         lines.append(
             f"| `{name}` | `{kind}` | {profile.time[-1]:.0f} "
             f"| {slow:.1f}{f' to {fast:.1f}' if fast - slow > 0.05 else ''} "
             f"| {np.degrees(np.abs(profile.steering_wheel_angle).max()):.0f} "
             f"| {np.abs(lateral_acceleration(profile, context)).max():.2f} "
-            f"| {cells(found['lateral_acceleration_tractor'], 1, 2)} "
-            f"| {cells(found['lateral_acceleration_trailer'], 1, 2)} "
-            f"| {cells(found['articulation_angle'], 180 / np.pi)} "
-            f"| {cells(found['yaw_rate_trailer'], 180 / np.pi)} "
-            f"| {cells(found['lateral_force_axle_21'], 1e-3)} |"
+            f"| {cells(largest['lateral_acceleration_tractor'], 1, 2)} "
+            f"| {cells(largest['lateral_acceleration_trailer'], 1, 2)} "
+            f"| {cells(largest['articulation_angle'], 180 / np.pi)} "
+            f"| {cells(largest['yaw_rate_trailer'], 180 / np.pi)} "
+            f"| {cells(largest['lateral_force_axle_21'], 1e-3)} |"
         )
     return "\n".join(lines)
 

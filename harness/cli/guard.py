@@ -64,12 +64,12 @@ def show_tracebacks(wanted: bool) -> None:
     _debug[0] = wanted
 
 
-def guarded(run: Callable[[], None], beside: Path | None = None) -> int:
+def guarded(run: Callable[[], None], output: Path | None = None) -> int:
     """Run a command and return its exit status; whatever it raises becomes one message on stderr.
 
     Args:
         run: The command.
-        beside: File or folder that it writes, beside which the traceback of a fault is kept; the working directory if
+        output: File or folder that it writes, beside which the traceback of a fault is kept; the working directory if
             absent.
 
     Raises:
@@ -81,16 +81,16 @@ def guarded(run: Callable[[], None], beside: Path | None = None) -> int:
         except BrokenPipeError:
             raise
         except (Exception, KeyboardInterrupt) as error:
-            return answered(error, beside, bool(interrupted))
+            return answered(error, output, bool(interrupted))
     return DONE
 
 
-def answered(error: Exception | KeyboardInterrupt, beside: Path | None = None, interrupted: bool = False) -> int:
+def answered(error: Exception | KeyboardInterrupt, output: Path | None = None, interrupted: bool = False) -> int:
     """Say in one message on stderr what was raised, and return the exit status.
 
     Args:
         error: What was raised.
-        beside: As of ``guarded``.
+        output: As of ``guarded``.
         interrupted: Whether Ctrl-C came before.
     """
     if interrupted or isinstance(error, KeyboardInterrupt):
@@ -102,7 +102,7 @@ def answered(error: Exception | KeyboardInterrupt, beside: Path | None = None, i
         return _say(
             "error", f"{str(error).removeprefix('Symlink loop from ')} is a link that leads back to itself", WRONG
         )
-    return _fault(error, beside)
+    return _fault(error, output)
 
 
 @contextmanager
@@ -137,7 +137,7 @@ def _said_in_words() -> Iterator[None]:
             Console(stderr=True).print(Text(f"note: {sentence}", style="yellow"), soft_wrap=True)
 
 
-def _fault(error: Exception, beside: Path | None) -> int:
+def _fault(error: Exception, output: Path | None) -> int:
     """Say what else went wrong: of the machine, in the user's own code, or in ours."""
     import click
     import typer
@@ -153,7 +153,7 @@ def _fault(error: Exception, beside: Path | None) -> int:
         return _say("failed", f"{about}{error.strerror}", FAILED)
     own = own_code(error.__traceback__)
     why = f"{type(error).__name__}: {' '.join(str(error).split())}"[:300]
-    kept = write_crash(error, beside)
+    kept = write_crash(error, output)
     kept_in = f"the traceback is in {kept}" if kept else "the traceback could not be written (--debug shows it)"
     if own:
         return _say("error", f"your own code, {own}, raised {why}; {kept_in}", WRONG)
@@ -171,11 +171,11 @@ def _say(title: str, message: str, status: int, with_traceback: bool = True) -> 
 def own_code(trail: TracebackType | None) -> str:
     """Return file and line of the innermost code of the user's own in a traceback; empty if there is none."""
     ours = outside_packages()
-    found = ""
+    place = ""
     for frame, line in traceback.walk_tb(trail):
         if str(frame.f_globals.get("__name__", "")).partition(".")[0] in ours:
-            found = f"{frame.f_code.co_filename} line {line}"
-    return found
+            place = f"{frame.f_code.co_filename} line {line}"
+    return place
 
 
 def stage_of(trail: TracebackType | None) -> str:
@@ -185,12 +185,12 @@ def stage_of(trail: TracebackType | None) -> str:
     return stages[-1] if stages else "command line"
 
 
-def write_crash(error: Exception, beside: Path | None) -> Path | None:
+def write_crash(error: Exception, output: Path | None) -> Path | None:
     """Write what a report of a fault needs: version, command, stage, traceback.
 
     Args:
         error: What was raised.
-        beside: File or folder that the command writes; the working directory if absent.
+        output: File or folder that the command writes; the working directory if absent.
 
     Returns:
         The file, in the folder itself, else in the working directory or that of temporary files; ``None`` if it can be
@@ -212,7 +212,7 @@ def write_crash(error: Exception, beside: Path | None) -> Path | None:
         "".join(traceback.format_exception(error)),
     ]
     name = f"crash-{time.strftime('%Y%m%dT%H%M%S', time.gmtime())}-{time.time_ns() % 10**6:06d}.txt"
-    out = None if beside is None else beside.parent if beside.suffix and not beside.is_dir() else beside
+    out = None if output is None else output.parent if output.suffix and not output.is_dir() else output
     for folder in (out, Path(), Path(tempfile.gettempdir())):
         if folder is not None:
             try:
@@ -232,8 +232,8 @@ def place_of_output(arguments: Mapping[str, Any] | Sequence[str]) -> Path | None
         words = list(arguments)
         given = words[words.index("--out") + 1 :][:1] if "--out" in words else []
         return Path(given[0]) if given else None
-    found = arguments.get("out") or arguments.get("folder")
-    return found if isinstance(found, Path) else None
+    output = arguments.get("out") or arguments.get("folder")
+    return output if isinstance(output, Path) else None
 
 
 _FLOATING = re.compile(

@@ -73,10 +73,10 @@ def show(console: Console, role: str, name: str | None = None, here: Path | None
         console.print(Text(f"from {_origin(component)}" if component.path is None else f"in {component.path}"))
         _details(console, role, name)
     else:
-        found = LISTED[role].components()
-        _table(console, role, _HEADINGS, [(n, summary(c), _origin(c)) for n, c in found.items()])
+        components_ = LISTED[role].components()
+        _table(console, role, _HEADINGS, [(n, summary(c), _origin(c)) for n, c in components_.items()])
         if role in ("drives", "parameters"):
-            for each in found:
+            for each in components_:
                 _details(console, role, each)
 
 
@@ -172,13 +172,13 @@ def _quantities(console: Console, vehicle: str) -> None:
 def _parameter_set(console: Console, name: str, vehicle: str, values: dict[str, float]) -> None:
     """Print the values of a set with unit and meaning, tyre parameters of every axle group included."""
     module = VEHICLES.load(vehicle)
-    known: dict[str, Parameter] = {p.name: p for p in module.PARAMETERS}
+    declared: dict[str, Parameter] = {p.name: p for p in module.PARAMETERS}
     for tyre in TYRES.names():
         for p in TYRES.load(tyre).PARAMETERS:
-            known |= {f"{p.name}_{group}": p for group in module.AXLES.values()}
+            declared |= {f"{p.name}_{group}": p for group in module.AXLES.values()}
     rows = []
     for parameter, value in values.items():
-        p = known.get(parameter)
+        p = declared.get(parameter)
         rows.append((parameter, f"{value:g}", _unit(p.unit) if p else "", p.meaning if p else ""))
     _table(console, f"values of {name} ({vehicle})", ("parameter", "value", "unit", "meaning"), rows)
 

@@ -137,9 +137,11 @@ def _refuse_name(kind: str, name: str) -> None:
     from harness.models.roles import ROLES as MODEL_ROLES
 
     role = ESTIMATORS if kind == "estimator" else MODEL_ROLES[ROLES[kind]]
-    known = role.components().get(name)
-    if known is not None:
-        raise UserError(f"new {kind}: '{name}' is there already: {known.place} ({known.origin}); choose another name")
+    existing = role.components().get(name)
+    if existing is not None:
+        raise UserError(
+            f"new {kind}: '{name}' is there already: {existing.place} ({existing.origin}); choose another name"
+        )
 
 
 def _filled(template: str, name: str) -> str:
@@ -152,17 +154,17 @@ def _channels(given: str, out: Path | None, console: Console) -> tuple[str, list
     """Propose a channel map of a recording, print what was guessed and why, and write it."""
     from harness.recordings.read.proposal import propose
 
-    found = propose(Path(given))
+    proposal = propose(Path(given))
     called = Path(given.rstrip("/")).name.partition(".")[0]
     if out is None:
         root = locations.project()
         out = Path(f"{called}.toml") if root is None else root / locations.CHANNELS.in_project / f"{called}.toml"
     if out.exists():
         raise UserError(f"{locations.shown(out)}: is there already, and nothing is written over; say another by --out")
-    for sentence in found.lines():
+    for sentence in proposal.lines():
         console.print(Text(sentence), soft_wrap=True)
     in_project = locations.project() is not None and out.parent.name == locations.CHANNELS.in_project
-    return out.stem if in_project else str(out), write_files(out.parent, {out.name: found.text})
+    return out.stem if in_project else str(out), write_files(out.parent, {out.name: proposal.text})
 
 
 def _parameters(name: str, chosen: ModelOptions) -> tuple[str, list[Path]]:

@@ -88,7 +88,7 @@ def report(spec: ModelSpec, unknown_inputs: Sequence[str], out: Path, profile: P
     return dataset
 
 
-def _print_information(spec: ModelSpec, found: xr.Dataset) -> None:
+def _print_information(spec: ModelSpec, information: xr.Dataset) -> None:
     """Say how well each parameter can be known after the drive, and which of them it does not tell apart."""
     units = {p.name: p.unit for p in spec.model().parameters}
     units |= {p.name: p.unit for p in loading_parameters(spec.vehicle).values()}
@@ -96,16 +96,16 @@ def _print_information(spec: ModelSpec, found: xr.Dataset) -> None:
     for heading in ("parameter", "believed", "known to ±", "after the drive ±"):
         table.add_column(heading, justify="left" if heading == "parameter" else "right")
     for s in spec.parameter_states:
-        left, unit = float(f"{float(found['std'].sel(parameter=s.name)[-1]):.3g}"), units[s.name]
-        table.add_row(s.name, quantity(s.believed, unit), quantity(s.prior, unit), quantity(left, unit))
+        remaining, unit = float(f"{float(information['std'].sel(parameter=s.name)[-1]):.3g}"), units[s.name]
+        table.add_row(s.name, quantity(s.believed, unit), quantity(s.prior, unit), quantity(remaining, unit))
     console = Console()
     console.print(table)
     names = [s.name for s in spec.parameter_states]
     alike = [
-        f"{one} and {other} ({float(found['correlation'].sel(parameter=one, other=other)):+.2f})"
-        for i, one in enumerate(names)
-        for other in names[i + 1 :]
-        if abs(float(found["correlation"].sel(parameter=one, other=other))) > TOLD_APART
+        f"{first} and {second} ({float(information['correlation'].sel(parameter=first, second=second)):+.2f})"
+        for i, first in enumerate(names)
+        for second in names[i + 1 :]
+        if abs(float(information["correlation"].sel(parameter=first, other=second))) > TOLD_APART
     ]
     console.print(f"Not told apart by this drive: {', '.join(alike) if alike else 'none'}")
 

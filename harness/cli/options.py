@@ -172,16 +172,16 @@ def pairs(given: list[str] | None, option: str) -> dict[str, Any]:
     """
     from harness.common.units import plain_number
 
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for item in given or []:
         name, equals, text = item.partition("=")
         if not equals or not name.strip() or not text.strip():
             raise UserError(f"{option} '{item}': write NAME=VALUE, e.g. {option} speed=\"10 m/s\"")
         name, number = name.strip(), plain_number(text)
-        if name in found:
-            raise UserError(f"{option} {name}=: is given twice, as {found[name]} and {text.strip()}; give it once")
-        found[name] = text.strip() if number is None else number
-    return found
+        if name in values:
+            raise UserError(f"{option} {name}=: is given twice, as {values[name]} and {text.strip()}; give it once")
+        values[name] = text.strip() if number is None else number
+    return values
 
 
 def quantity(given: str, unit: str, option: str) -> float:

@@ -158,11 +158,11 @@ class RecordedOptions:
 
 def uncertain(given: list[str] | None, option: str) -> list[dict[str, Any]] | None:
     """Return entries of ``unknown_parameters`` that are stated as ``NAME[,prior=VALUE][,walk=VALUE]``."""
-    found = []
+    entries = []
     for text in given or []:
         name, *settings = (part.strip() for part in text.split(","))
-        found.append({"name": name, **pairs(settings, f"{option} {name},")})
-    return found or None
+        entries.append({"name": name, **pairs(settings, f"{option} {name},")})
+    return entries or None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -48,21 +48,23 @@ def verify(
     def find() -> Study:
         return study_of(folder) if study is None else load_study(study_path(study))
 
-    found = check(folder, find, sample, seed)
+    verification = check(folder, find, sample, seed)
     console = Console()
 
     def say(words: str, style: str = "") -> None:
         console.print(Text(words, style=style), soft_wrap=True)
 
-    if found.lost:
-        raise WorkError(_lost(found.lost))
-    say(f"{found.files:,} files: all as they were written", "green")
-    if found.other_code:
-        say(f"note: it {found.other_code}; bits may differ for that reason", "yellow")
-    if found.differing:
-        raise WorkError("\n".join(found.differing))
+    if verification.lost:
+        raise WorkError(_lost(verification.lost))
+    say(f"{verification.files:,} files: all as they were written", "green")
+    if verification.other_code:
+        say(f"note: it {verification.other_code}; bits may differ for that reason", "yellow")
+    if verification.differing:
+        raise WorkError("\n".join(verification.differing))
     if sample:
-        count = f"{len(found.recomputed)} of {found.finished:,} finished units ({found.runs:,} runs)"
+        count = (
+            f"{len(verification.recomputed)} of {verification.finished:,} finished units ({verification.runs:,} runs)"
+        )
         say(f"{count} computed again: the same bits", "green")
 
 
@@ -71,26 +73,26 @@ def status(folder: FolderArgument) -> None:
     from harness.study.plan import in_time
     from harness.study.progress import progress
 
-    found, console = progress(folder), Console()
-    missing = found.planned - found.done
+    state, console = progress(folder), Console()
+    missing = state.planned - state.done
     console.print(
-        Text(f"study '{found.name}': {found.done:,} of {found.planned:,} runs done, {missing:,} missing", style="bold"),
+        Text(f"study '{state.name}': {state.done:,} of {state.planned:,} runs done, {missing:,} missing", style="bold"),
         soft_wrap=True,
     )
     table = Table("design", "estimator", "done", "estimator diverged", "out of control", "missing", box=None)
-    for count in found.counts:
+    for count in state.counts:
         numbers = (count.done, count.diverged, count.plant_left, count.planned - count.done)
         table.add_row(count.design, count.estimator, *(f"{n:,}" for n in numbers))
     console.print(table)
-    if found.lost:
-        console.print(Text(_lost(found.lost), style="red"), soft_wrap=True)
-    for sentence in found.beside:
+    if state.lost:
+        console.print(Text(_lost(state.lost), style="red"), soft_wrap=True)
+    for sentence in state.beside:
         console.print(Text(sentence, style="red"), soft_wrap=True)
-    if found.writer is None:
+    if state.writer is None:
         console.print("nobody is at work" + ("; 'harness run' goes on with it" if missing else ""))
         return
-    speed = f"{found.rate:,.1f} runs/s, {in_time(found.left)} left" if found.rate and found.left is not None else ""
-    console.print(Text(f"at work: {found.writer}{'; ' + speed if speed else ''}"), soft_wrap=True)
+    speed = f"{state.rate:,.1f} runs/s, {in_time(state.left)} left" if state.rate and state.left is not None else ""
+    console.print(Text(f"at work: {state.writer}{'; ' + speed if speed else ''}"), soft_wrap=True)
 
 
 def _lost(faults: Sequence[Fault]) -> str:

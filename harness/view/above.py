@@ -161,69 +161,69 @@ class AboveFigure:
 
     def _make_map(self) -> Any:
         mapper = linear_cmap("value", list(Cividis256), 0.0, 1.0, nan_color="#bbbbbb")
-        found = looks.plot(
+        plot = looks.plot(
             "The drive: path of the first CoG", 420, tools="pan,wheel_zoom,reset", match_aspect=True,
             name="the drive from above",
         )  # fmt: skip
-        estimated = found.multi_line(
+        estimated = plot.multi_line(
             "xs", "ys", source=self._paths, line_color="colour", line_width=1.8, line_dash="dashed"
         )
-        found.add_tools(looks.hover([estimated], ("by", "@name")))
-        path = found.segment("x0", "y0", "x1", "y1", source=self._path, line_width=5, line_color=mapper)
-        found.patches("xs", "ys", source=self._sources["seen"], fill_color="#ffffff", line_color="#000000")
-        found.scatter(
+        plot.add_tools(looks.hover([estimated], ("by", "@name")))
+        path = plot.segment("x0", "y0", "x1", "y1", source=self._path, line_width=5, line_color=mapper)
+        plot.patches("xs", "ys", source=self._sources["seen"], fill_color="#ffffff", line_color="#000000")
+        plot.scatter(
             "x", "y", source=self._sources["here"], marker="circle", size=16, fill_color=None, line_color="#D55E00",
             line_width=2.5,
         )  # fmt: skip
-        found.x_range, found.y_range = DataRange1d(renderers=[path]), DataRange1d(renderers=[path])
-        found.xaxis.axis_label, found.yaxis.axis_label = "x in m, ahead at the start", "y in m, left at the start"
-        bar = looks.colour_bar(found, mapper["transform"], USE)
+        plot.x_range, plot.y_range = DataRange1d(renderers=[path]), DataRange1d(renderers=[path])
+        plot.xaxis.axis_label, plot.yaxis.axis_label = "x in m, ahead at the start", "y in m, left at the start"
+        bar = looks.colour_bar(plot, mapper["transform"], USE)
         args = {"path": self._path, "mapper": mapper["transform"], "bar": bar, "chosen": self._by}
         self._mapper, self._bar = mapper["transform"], bar
         self._by.js_on_change("value", CustomJS(args=args, code=_COLOUR_BY))
-        found.js_on_event(Tap, CustomJS(args={"d": self._frames, "slider": self._slider}, code="""
+        plot.js_on_event(Tap, CustomJS(args={"d": self._frames, "slider": self._slider}, code="""
             let best = Infinity;
             d.data.time.forEach((t, i) => {
                 const far = (d.data.x[i] - cb_obj.x) ** 2 + (d.data.y[i] - cb_obj.y) ** 2;
                 if (far < best) { best = far; slider.value = t; }
             });
         """))  # fmt: skip
-        return found
+        return plot
 
     def _make_near(self) -> Any:
-        found = looks.plot(
+        plot = looks.plot(
             "The vehicle to scale", 420, tools="pan,wheel_zoom,reset", match_aspect=True, name="the vehicle from above"
         )
         sources = self._sources
-        found.line("x", "y", source=sources["track"], line_color="#bbbbbb", line_width=1.5)
-        found.patches(
+        plot.line("x", "y", source=sources["track"], line_color="#bbbbbb", line_width=1.5)
+        plot.patches(
             "xs", "ys", source=sources["shapes"], fill_color="#f2f2f2", fill_alpha=0.8, line_color="#333333",
             line_dash="dash",
         )  # fmt: skip
         mapper = linear_cmap("use", list(Cividis256), 0.0, 1.0, nan_color="#ffffff")
-        found.multi_line("xs", "ys", source=sources["ghosts"], line_color="colour", line_width=1.8)
-        wheels = found.patches("xs", "ys", source=sources["wheels"], fill_color=mapper, line_color="#333333")
+        plot.multi_line("xs", "ys", source=sources["ghosts"], line_color="colour", line_width=1.8)
+        wheels = plot.patches("xs", "ys", source=sources["wheels"], fill_color=mapper, line_color="#333333")
         for name, dashes, width in (
             ("planes", "dotted", 1.2),
             ("slips", "solid", 2.2),
             ("forces", "solid", 3.2),
             ("moving", "solid", 2.6),
         ):
-            found.segment("x0", "y0", "x1", "y1", source=sources[name], line_color="colour", line_width=width,
+            plot.segment("x0", "y0", "x1", "y1", source=sources[name], line_color="colour", line_width=width,
                           line_dash=dashes)  # fmt: skip
             if name != "planes":
-                found.scatter("x1", "y1", source=sources[name], marker="triangle", angle="angle", size=9,
+                plot.scatter("x1", "y1", source=sources[name], marker="triangle", angle="angle", size=9,
                               fill_color="colour", line_color="colour")  # fmt: skip
-        extent = found.scatter("x", "y", source=self._extent, size=1, alpha=0)
-        found.x_range, found.y_range = DataRange1d(renderers=[extent]), DataRange1d(renderers=[extent])
-        found.xaxis.axis_label = "ahead of the first body's CoG in m"
-        found.yaxis.axis_label = "to the left in m"
-        found.add_tools(looks.hover([wheels], ("axle", "@axle"), ("friction use", "@use{0 %}")))
+        extent = plot.scatter("x", "y", source=self._extent, size=1, alpha=0)
+        plot.x_range, plot.y_range = DataRange1d(renderers=[extent]), DataRange1d(renderers=[extent])
+        plot.xaxis.axis_label = "ahead of the first body's CoG in m"
+        plot.yaxis.axis_label = "to the left in m"
+        plot.add_tools(looks.hover([wheels], ("axle", "@axle"), ("friction use", "@use{0 %}")))
         looks.colour_bar(
-            found, mapper["transform"], USE, ticker=FixedTicker(ticks=[0, 0.25, 0.5, 0.75, 1]),
+            plot, mapper["transform"], USE, ticker=FixedTicker(ticks=[0, 0.25, 0.5, 0.75, 1]),
             formatter=CustomJSTickFormatter(code="return Math.round(100 * tick) + ' %'"),
         )  # fmt: skip
-        return found
+        return plot
 
     def show(self, run: Replayed) -> None:
         """Draw a run; the slider stays where it is, at first at the largest force of an axle."""
@@ -327,7 +327,7 @@ class AboveFigure:
 def _frames(run: Replayed, moves: Any, begins: np.ndarray) -> tuple[dict[str, Floats], int]:
     """Return what the browser draws at each moment, and by how much angles are magnified."""
     estimates, model = run.data["estimate"], run.study.plant.model()
-    found = {n: moves[n].values[begins, 0] for n in ("x", "y", "heading")}
+    frames = {n: moves[n].values[begins, 0] for n in ("x", "y", "heading")}
     names = {
         "slip": "slip_angle",
         "force": "lateral_force",
@@ -336,27 +336,27 @@ def _frames(run: Replayed, moves: Any, begins: np.ndarray) -> tuple[dict[str, Fl
         "steer": "steer",
     }
     for k in range(moves.sizes["axle"]):
-        found |= {f"{short} {k}": moves[name].values[begins, k] for short, name in names.items()}
+        frames |= {f"{short} {k}": moves[name].values[begins, k] for short, name in names.items()}
     targets, count = set(map(str, run.data["target"].values)), run.data.sizes["estimator"]
     nothing = np.full(len(begins), np.nan)
     if moves.sizes["body"] > 1:
-        found["articulation"] = (moves["heading"].values[:, 1] - moves["heading"].values[:, 0])[begins]
+        frames["articulation"] = (moves["heading"].values[:, 1] - moves["heading"].values[:, 0])[begins]
         for k in range(count):
-            known = "articulation_angle" in targets
-            found[f"articulation {k}"] = (
-                estimates.sel(target="articulation_angle").values[begins, k] if known else nothing
+            estimated = "articulation_angle" in targets
+            frames[f"articulation {k}"] = (
+                estimates.sel(target="articulation_angle").values[begins, k] if estimated else nothing
             )
     for i, body in enumerate(map(str, moves["body"].values)):
         speed = np.maximum(moves["speed"].values[begins, i], 0.3)
-        found[f"sideslip {i}"] = np.arctan2(moves["lateral_velocity"].values[begins, i], speed)
+        frames[f"sideslip {i}"] = np.arctan2(moves["lateral_velocity"].values[begins, i], speed)
         name = lateral_signal(model, body)
         for k in range(count):
             own = estimates.sel(target=name).values[begins, k] if name in targets else nothing
-            found[f"sideslip {i} {k}"] = np.arctan2(own, speed)
-    angles = [np.abs(v) for n, v in found.items() if n.startswith("slip ") or n in ("sideslip 0", "sideslip 1")]
+            frames[f"sideslip {i} {k}"] = np.arctan2(own, speed)
+    angles = [np.abs(v) for n, v in frames.items() if n.startswith("slip ") or n in ("sideslip 0", "sideslip 1")]
     most = max((float(np.nanmax(a)) for a in angles if np.isfinite(a).any()), default=0.0)
     magnified = next((m for m in MAGNIFICATIONS if m * most <= _WIDEST), 1)
-    numbers = {name: np.asarray(values, dtype=np.float32) for name, values in found.items()}
+    numbers = {name: np.asarray(values, dtype=np.float32) for name, values in frames.items()}
     return {"time": moves["time"].values[begins], **numbers}, magnified
 
 
@@ -389,6 +389,6 @@ def _extent(plan: GroundPlan, frames: Mapping[str, Floats], reach: float) -> dic
         length = others[0].back - plan.coupling[1] - reach / 2
         for side in (-others[0].width / 2, others[0].width / 2):
             ahead = plan.coupling[0] + length * np.cos(theta) - side * np.sin(theta)
-            left = length * np.sin(theta) + side * np.cos(theta)
-            x, y = [*x, *ahead.tolist()], [*y, *left.tolist()]
+            sideways = length * np.sin(theta) + side * np.cos(theta)
+            x, y = [*x, *ahead.tolist()], [*y, *sideways.tolist()]
     return {"x": [min(x), max(x)], "y": [min(y), max(y)]}

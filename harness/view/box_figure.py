@@ -134,9 +134,9 @@ class BoxFigure:
         share = CustomJS(args={"points": drawn.glyph, "wide": wide / max(1, len(self._labels))}, code=_NO_WIDER)
         self.plot.js_on_change("inner_width", share)
         self.plot.segment("left", "middle", "right", "middle", source=source, color=style.TRUTH, line_width=2)
-        told = [("", "@name"), ("median", "@middle{0.000 a}"), ("quartiles", "@low{0.000 a} to @high{0.000 a}")]
-        told += [("smallest, largest", "@least{0.000 a}, @most{0.000 a}"), ("runs, lost", "@runs, @lost")]
-        self.plot.add_tools(looks.hover([box], *told), looks.hover([drawn], ("run", "@y{0.000 a}")))
+        hovered = [("", "@name"), ("median", "@middle{0.000 a}"), ("quartiles", "@low{0.000 a} to @high{0.000 a}")]
+        hovered += [("smallest, largest", "@least{0.000 a}, @most{0.000 a}"), ("runs, lost", "@runs, @lost")]
+        self.plot.add_tools(looks.hover([box], *hovered), looks.hover([drawn], ("run", "@y{0.000 a}")))
         firsts = {b.estimator: i for i, b in reversed(list(enumerate(own)))}
         return [
             LegendItem(label={"value": str(self._names[e])}, renderers=[box], index=firsts[e])
@@ -200,5 +200,5 @@ class BoxFigure:
 
     def mark(self, values: Mapping[tuple[int, int], float]) -> None:
         """Mark the scores of the run that is shown, by level or drive and estimator."""
-        known = {at: v for at, v in values.items() if at[1] in self.estimators and np.isfinite(v)}
-        self.marked.data = {"x": [self.place(*at) for at in known], "y": list(known.values())}
+        shown = {at: v for at, v in values.items() if at[1] in self.estimators and np.isfinite(v)}
+        self.marked.data = {"x": [self.place(*at) for at in shown], "y": list(shown.values())}

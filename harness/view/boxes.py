@@ -80,22 +80,22 @@ def sorted_box(across: int, estimator: int, part: NDArray[np.float64], place: tu
         part: Their scores ``(drive, sample, repeat)``; NaN for none.
         place: Their band, and the index of the first drive in ``part``; ``None`` for all drives.
     """
-    known = np.isfinite(part)
-    runs = np.argwhere(known)
-    order = np.argsort(part[known], kind="stable")
+    finite = np.isfinite(part)
+    runs = np.argwhere(finite)
+    order = np.argsort(part[finite], kind="stable")
     runs = np.column_stack([np.full(len(runs), place[0]), runs])[order]
     runs[:, 1] += place[1] or 0
-    return Box(across, estimator, part[known][order], runs, int(known.size - known.sum()))
+    return Box(across, estimator, part[finite][order], runs, int(finite.size - finite.sum()))
 
 
 @lru_cache(maxsize=4)
 def _values(design: _Hashed, score: str, target: int) -> NDArray[np.float64]:
-    found: Design = design.of
+    stored: Design = design.of
     if score == "time_of_divergence":
-        return found.time_of_divergence
+        return stored.time_of_divergence
     if score in ("nees", "nis"):
-        return found.per_run(score)
-    return found.rmse[target] if score == "rmse" else found.per_target(score)[target]
+        return stored.per_run(score)
+    return stored.rmse[target] if score == "rmse" else stored.per_target(score)[target]
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,14 +124,14 @@ def boxes(
         drive: Runs on this drive alone; all by default. Does not count where a level was chosen.
         level: Boxes of this level, one for each drive.
     """
-    values, found = scores_of(design, score, target), []
+    values, drawn = scores_of(design, score, target), []
     across = range(len(design.bands)) if level is None else range(len(design.drives))
     for place in across:
         band, drives = (place, drive) if level is None else (level, place)
         for e in estimators:
             part = values[band, e] if drives is None else values[band, e, drives : drives + 1]
-            found.append(sorted_box(place, e, part, (band, drives)))
-    return found
+            drawn.append(sorted_box(place, e, part, (band, drives)))
+    return drawn
 
 
 def expected(design: Design, score: str) -> dict[float, str]:

@@ -24,29 +24,29 @@ def build(folder: Path) -> Callable[[Document], None]:
     Raises:
         UserError: If it cannot be read.
     """
-    found = read_record(folder / FILE)
+    record = read_record(folder / FILE)
 
     def put(document: Document) -> None:
-        title = str(found.get("title", folder.name))
-        put_parts(document, title, [in_short(found)], [Part("What was found?", [findings(found, {})])], address_bar())
+        title = str(record.get("title", folder.name))
+        put_parts(document, title, [in_short(record)], [Part("What was found?", [findings(record, {})])], address_bar())
 
     return put
 
 
-def in_short(found: Mapping[str, Any]) -> str:
+def in_short(record: Mapping[str, Any]) -> str:
     """Return how many findings have which verdict."""
-    verdicts = [str(f["verdict"]) for f in found.get("findings") or []]
+    verdicts = [str(f["verdict"]) for f in record.get("findings") or []]
     return f"{len(verdicts)} findings: " + ", ".join(f"{verdicts.count(v)} {v}" for v in dict.fromkeys(verdicts)) + "."
 
 
-def findings(found: Mapping[str, Any], pages: Mapping[str, str]) -> Any:
+def findings(record: Mapping[str, Any], pages: Mapping[str, str]) -> Any:
     """Return the table of findings.
 
     Args:
-        found: The record.
+        record: The record.
         pages: Address of the page of a result, by the name of its folder.
     """
-    rows = found.get("findings") or []
+    rows = record.get("findings") or []
     columns = {
         "finding": [str(f["finding"]) for f in rows],
         "source": [str(f["place"]) for f in rows],

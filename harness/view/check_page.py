@@ -34,28 +34,28 @@ def build(folder: Path) -> Callable[[Document], None]:
     Raises:
         UserError: If they cannot be read.
     """
-    found, series = read_record(folder / "check.json"), unpacked(folder / "signals.npz")
+    record, series = read_record(folder / "check.json"), unpacked(folder / "signals.npz")
 
     def put(document: Document) -> None:
         given, address = arguments_of(document), address_bar()
-        signals = _Signals(found, series, index_of(given.get("signal"), 10_000), address)
+        signals = _Signals(record, series, index_of(given.get("signal"), 10_000), address)
         rows = {"signals": [], "what": [], "evidence": []}  # type: dict[str, list[str]]
         places: list[str] = []
-        for f in found.get("findings") or []:
+        for f in record.get("findings") or []:
             for key, value in zip(rows, (", ".join(map(words, f["signals"])), f["words"], f["evidence"]), strict=True):
                 rows[key].append(str(value))
             places.append(next((f"?signal={signals.names.index(s)}" for s in f["signals"] if s in signals.names), ""))
         parts = []
         if rows["what"]:
             parts.append(Part("What was found?", [table(rows, {"signals": places})], "A name leads to its signal."))
-        if found.get("mended"):
-            lines = said("\n".join(map(str, found["mended"])), styles=_LISTING)
+        if record.get("mended"):
+            lines = said("\n".join(map(str, record["mended"])), styles=_LISTING)
             parts.append(Part("Lines that mend the map", [lines]))
-        if found.get("comparisons"):
-            parts.append(Part("Do the signals agree?", [_agreement(found["comparisons"], signals.names)]))
+        if record.get("comparisons"):
+            parts.append(Part("Do the signals agree?", [_agreement(record["comparisons"], signals.names)]))
         parts.append(Part("Signals over time", [signals.layout], _SIGNALS))
-        answer = [str(found.get("read", "")), *found.get("answer", []), *found.get("warnings", [])]
-        put_parts(document, f"Check of {found.get('title', folder.name)}", list(map(str, answer)), parts, address)
+        answer = [str(record.get("read", "")), *record.get("answer", []), *record.get("warnings", [])]
+        put_parts(document, f"Check of {record.get('title', folder.name)}", list(map(str, answer)), parts, address)
 
     return put
 
@@ -85,11 +85,11 @@ class _Signals:
     """One signal at a time, with the comparisons that it is in; first one of which something is said."""
 
     def __init__(
-        self, found: Mapping[str, Any], series: Mapping[str, Mapping[str, Floats]], first: int | None, address: Any
+        self, record: Mapping[str, Any], series: Mapping[str, Mapping[str, Floats]], first: int | None, address: Any
     ) -> None:
-        self._found, self._series, self._address = found, series, address
+        self._found, self._series, self._address = record, series, address
         self.names = [n for n in series["recording"] if n != "time"]
-        self._flagged = {s for f in found.get("findings") or [] for s in f["signals"]}
+        self._flagged = {s for f in record.get("findings") or [] for s in f["signals"]}
         options = [(str(i), words(n) + (": see below" if n in self._flagged else "")) for i, n in enumerate(self.names)]
         if first is None:
             first = next((i for i, n in enumerate(self.names) if n in self._flagged), 0)
@@ -110,10 +110,8 @@ class _Signals:
         source = ColumnDataSource({"time": time, "value": values})
         drawn = plot.line("time", "value", source=source, color=looks.line(style.looks([name])[name]), line_width=1.3)
         plot.add_tools(looks.hover([drawn], ("t", "@time s"), ("value", "@value{0.0000 a}")))
-        for left, right in _gaps(time, values):
-            plot.add_layout(
-                BoxAnnotation(left=left, right=right, fill_color="#bbbbbb", fill_alpha=0.5, line_color=None)
-            )
+        for begin, end in _gaps(time, values):
+            plot.add_layout(BoxAnnotation(left=begin, right=end, fill_color="#bbbbbb", fill_alpha=0.5, line_color=None))
         plot.yaxis.axis_label = q.unit
         models: list[Any] = [plot]
         models += [
@@ -136,15 +134,15 @@ class _Signals:
         plot = looks.plot(f"{comparison['name']}: {comparison['verdict']}{reasons}", 240, x_range=shared)
         q = quantity(comparison["signal"])
         scale, unit = comparison.get("scale", q.scale), print_unit(comparison.get("unit", q.unit))
-        slope, offset, told = 1.0, 0.0, "computed"
+        slope, offset, legend_computed = 1.0, 0.0, "computed"
         if not comparison.get("exact", True) and comparison.get("slope") is not None:
             slope, offset = comparison["slope"], comparison.get("offset") or 0.0
-            told = f"computed, times {style.number(slope)}"
+            legend_computed = f"computed, times {style.number(slope)}"
         pair = {"measured": columns["measured"].astype(float),
                 "computed": slope * columns["computed"].astype(float) + offset}  # fmt: skip
         source = ColumnDataSource({"time": columns["time"], **{side: scale * v for side, v in pair.items()}})
         chosen = style.looks(["measured", "computed"])
-        for side, legend, dashes in (("measured", "measured", "solid"), ("computed", told, "dashed")):
+        for side, legend, dashes in (("measured", "measured", "solid"), ("computed", legend_computed, "dashed")):
             drawn = plot.line("time", side, source=source, color=looks.line(chosen[side]), line_dash=dashes,
                               line_width=1.5, legend_label=legend)  # fmt: skip
             plot.add_tools(looks.hover([drawn], ("t", "@time s"), (side, f"@{side}{{0.0000 a}}")))
@@ -157,6 +155,6 @@ def _gaps(time: Floats, values: Floats) -> list[tuple[float, float]]:
     """Return where a signal has no sample, the longest gaps first."""
     missing = np.concatenate([[False], np.isnan(values), [False]])
     begins, stops = np.flatnonzero(missing[1:] & ~missing[:-1]), np.flatnonzero(missing[:-1] & ~missing[1:])
-    left, right = time[np.maximum(begins - 1, 0)], time[np.minimum(stops, len(time) - 1)]
-    found = list(zip(left.tolist(), right.tolist(), strict=True))
-    return sorted(found, key=lambda pair: pair[0] - pair[1])[:_GAPS]
+    first, last = time[np.maximum(begins - 1, 0)], time[np.minimum(stops, len(time) - 1)]
+    gaps = list(zip(first.tolist(), last.tolist(), strict=True))
+    return sorted(gaps, key=lambda pair: pair[0] - pair[1])[:_GAPS]

@@ -35,9 +35,9 @@ class DrivesFigure:
     """
 
     def __init__(
-        self, series: Series, held_out: Sequence[str], chosen: tuple[int, int], told: Callable[[int, int], None]
+        self, series: Series, held_out: Sequence[str], chosen: tuple[int, int], keep: Callable[[int, int], None]
     ) -> None:
-        self._series, self._told = series, told
+        self._series, self._told = series, keep
         self._drives = sorted(series, key=lambda name: name not in held_out)
         first = series[self._drives[0]]
         self._outputs = [k.removeprefix(f"{MEASURED} ") for k in first if k.startswith(f"{MEASURED} ")]
@@ -60,8 +60,8 @@ class DrivesFigure:
         columns, name = self._series[self._drives[drive]], self._outputs[output]
         q = quantity(name)
         values = {w: q.scale * columns[f"{w} {name}"].astype(float) for w in (MEASURED, BEFORE, AFTER)}
-        left = {f"left {w}": values[MEASURED] - values[w] for w in (BEFORE, AFTER)}
-        self._source = ColumnDataSource({"time": columns["time"], **values, **left})
+        errors = {f"left {w}": values[MEASURED] - values[w] for w in (BEFORE, AFTER)}
+        self._source = ColumnDataSource({"time": columns["time"], **values, **errors})
         time = Range1d(float(columns["time"][0]), float(columns["time"][-1]), bounds="auto")
         before, after = style.looks(["before", "after"]).values()
         plots = [
@@ -73,22 +73,22 @@ class DrivesFigure:
             self._lines("Residual: measured less simulated", q.unit, time, 240, [
                 (f"left {BEFORE}", "before", looks.line(before), "solid", 1.2),
                 (f"left {AFTER}", "after", looks.line(after), "solid", 1.2),
-            ], _reach(left[f"left {BEFORE}"], left[f"left {AFTER}"])),
+            ], _reach(errors[f"left {BEFORE}"], errors[f"left {AFTER}"])),
         ]  # fmt: skip
         plots[-1].xaxis.axis_label = "time in s"
         if "x" in columns:
-            paths = self._paths(columns, left, q.unit)
+            paths = self._paths(columns, errors, q.unit)
             plots.append(row(*paths, sizing_mode="stretch_width", styles={"flex-wrap": "wrap"}))
         self._holder.children = plots
         self._told(drive, output)
 
     def _lines(self, title: str, unit: str, time: Range1d, height: int, lines: list[Any], reach: float) -> Any:
-        found = looks.plot(title, height, x_range=time)
-        found.yaxis.axis_label = unit
+        plot = looks.plot(title, height, x_range=time)
+        plot.yaxis.axis_label = unit
         if np.isfinite(reach) and reach > 0:
-            found.y_range = Range1d(-reach, reach)
+            plot.y_range = Range1d(-reach, reach)
         for field, legend, colour, dashes, width in lines:
-            drawn = found.line(
+            drawn = plot.line(
                 "time",
                 field,
                 source=self._source,
@@ -97,20 +97,20 @@ class DrivesFigure:
                 line_width=width,
                 legend_label=legend,
             )
-            found.add_tools(looks.hover([drawn], ("t", "@time s"), (legend, f"@{{{field}}}{{0.000 a}}")))
-        looks.legend_above(found)
-        found.legend.click_policy = "hide"
-        return found
+            plot.add_tools(looks.hover([drawn], ("t", "@time s"), (legend, f"@{{{field}}}{{0.000 a}}")))
+        looks.legend_above(plot)
+        plot.legend.click_policy = "hide"
+        return plot
 
-    def _paths(self, columns: Mapping[str, Floats], left: dict[str, Floats], unit: str) -> list[Any]:
+    def _paths(self, columns: Mapping[str, Floats], errors: dict[str, Floats], unit: str) -> list[Any]:
         """Return the path, coloured by the residual before and after on one scale."""
         x, y = columns["x"].astype(float), columns["y"].astype(float)
-        sizes = {w: np.abs(left[f"left {w}"]) for w in (BEFORE, AFTER)}
-        known = sizes[BEFORE][np.isfinite(sizes[BEFORE])]
-        most = float(np.quantile(known, 0.99)) if known.size else 1.0
+        sizes = {w: np.abs(errors[f"left {w}"]) for w in (BEFORE, AFTER)}
+        finite = sizes[BEFORE][np.isfinite(sizes[BEFORE])]
+        most = float(np.quantile(finite, 0.99)) if finite.size else 1.0
         ends = {"x0": x[:-1], "y0": y[:-1], "x1": x[1:], "y1": y[1:]}
         self._path = ColumnDataSource(ends | {w: v[:-1] for w, v in sizes.items()})
-        found, shared = [], None
+        plots, shared = [], None
         for which in (BEFORE, AFTER):
             mapper = linear_cmap(which, list(Cividis256), 0.0, max(most, 1e-12), nan_color="#bbbbbb")
             plot = looks.plot(f"Residual over the path, {which}", 380, tools="pan,wheel_zoom,reset", match_aspect=True)
@@ -122,14 +122,14 @@ class DrivesFigure:
             title = f"size in {unit}" if unit else "size"
             looks.colour_bar(plot, mapper["transform"], title)
             plot.styles = {"flex": "1 1 480px"}
-            found.append(plot)
-        return found
+            plots.append(plot)
+        return plots
 
 
 def _reach(*columns: Floats) -> float:
     """Return one and a half times the largest size, so that a simulation that leaves its range hides nothing."""
-    known = np.concatenate([np.abs(c[np.isfinite(c)]) for c in columns])
-    if not known.size:
+    magnitudes = np.concatenate([np.abs(c[np.isfinite(c)]) for c in columns])
+    if not magnitudes.size:
         return 1.0
-    middle = float(np.quantile(known, 0.999))
-    return 1.3 * min(float(known.max()), 3 * middle)
+    middle = float(np.quantile(magnitudes, 0.999))
+    return 1.3 * min(float(magnitudes.max()), 3 * middle)

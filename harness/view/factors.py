@@ -44,12 +44,12 @@ class Brush:
     def read(given: str, factors: int) -> Brush | None:
         """Return what an address asks for; ``None`` if there is none such."""
         figure, *ends = given.split(",")
-        known = figure == PARALLEL or (figure.isascii() and figure.isdigit() and int(figure[:9]) < factors)
+        exists = figure == PARALLEL or (figure.isascii() and figure.isdigit() and int(figure[:9]) < factors)
         try:
             numbers = [float(v) for v in ends]
         except ValueError:
             return None
-        return Brush(figure, *numbers) if known and len(numbers) == 4 and all(map(math.isfinite, numbers)) else None
+        return Brush(figure, *numbers) if exists and len(numbers) == 4 and all(map(math.isfinite, numbers)) else None
 
     def held(self, columns: Floats, scores: Floats) -> list[int]:
         """Return the points in it.
@@ -104,22 +104,22 @@ def points_of(design: Design, score: str, target: int, estimator: int, drive: in
     runs = runs if drive is None else runs[:, drive : drive + 1]
     runs = np.moveaxis(runs, 1, 2)  # band, sample, drive, repeat
     flat = runs.reshape(*runs.shape[:2], -1)
-    known = np.isfinite(flat)
-    count = known.sum(axis=-1)
+    finite = np.isfinite(flat)
+    count = finite.sum(axis=-1)
     power = 2 if score == "rmse" else 1
-    total = np.where(known, flat, 0.0) ** power
+    total = np.where(finite, flat, 0.0) ** power
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = np.where(count > 0, (total.sum(axis=-1) / count) ** (1 / power), np.nan)
-    worst = np.argmax(np.where(known, flat, -np.inf), axis=-1)
+    worst = np.argmax(np.where(finite, flat, -np.inf), axis=-1)
     places = np.argwhere(np.ones(mean.shape, dtype=bool))
     drives, repeats = np.divmod(worst.ravel(), runs.shape[3])
     values = np.array([f.values for f in design.factors]).reshape(len(design.factors), -1).T
-    found = Points(places, np.column_stack([drives + (drive or 0), repeats]), values, mean.ravel())
+    points = Points(places, np.column_stack([drives + (drive or 0), repeats]), values, mean.ravel())
     if len(places) <= MOST:
-        return found
-    order = np.argsort(found.scores, kind="stable")
+        return points
+    order = np.argsort(points.scores, kind="stable")
     rows = np.sort(order[np.linspace(0, len(order) - 1, MOST).round().astype(int)])
-    return Points(found.places[rows], found.worst[rows], found.values[rows], found.scores[rows])
+    return Points(points.places[rows], points.worst[rows], points.values[rows], points.scores[rows])
 
 
 def shares(factor: Factor, values: Floats) -> Floats:

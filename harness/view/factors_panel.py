@@ -87,9 +87,9 @@ class FactorsPanel:
         if now == self._shown:
             return
         self._shown = now
-        of = self._analysis.store.designs[design]
+        chosen = self._analysis.store.designs[design]
         self._busy = True
-        self._estimator.options = [(str(e), of.estimators[e]) for e in of.giving(target)]
+        self._estimator.options = [(str(e), chosen.estimators[e]) for e in chosen.giving(target)]
         if self._estimator.value not in dict(self._estimator.options):
             self._estimator.value = self._estimator.options[0][0] if self._estimator.options else ""
         self._busy = False
@@ -125,8 +125,8 @@ class FactorsPanel:
         assert points is not None
         placed = {i: shares(design.factors[i], points.values[:, i]) for i in factors}
         at = np.arange(len(factors))
-        known = points.scores[np.isfinite(points.scores)]
-        low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+        finite = points.scores[np.isfinite(points.scores)]
+        low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
         log = low > 0 and high > 5 * low
         mapper = (LogColorMapper if log else LinearColorMapper)(
             palette=list(Cividis256), low=low, high=max(high, low + 1e-12), nan_color="#bbbbbb"
@@ -227,9 +227,9 @@ class FactorsPanel:
         if not rank or self._points is None:
             return
         scores, held = self._points.scores, self._source.selected.indices or range(len(self._points.scores))
-        known = sorted((i for i in held if np.isfinite(scores[i])), key=lambda i: float(scores[i]))
-        if known:
-            self._lead_to(known[round(float(rank) * (len(known) - 1))])
+        ranked = sorted((i for i in held if np.isfinite(scores[i])), key=lambda i: float(scores[i]))
+        if ranked:
+            self._lead_to(ranked[round(float(rank) * (len(ranked) - 1))])
 
     def _on_brush(self, figure: str) -> Callable[[Any], None]:
         def told(event: Any) -> None:
@@ -262,8 +262,8 @@ class FactorsPanel:
         if design.count(PENDING):
             return [said("The design is not finished: indices and tolerances need all of its points.")]
         if design.sampling == "saltelli":
-            found = findings.ranking.errors[target][estimator]
-            plots = [] if found is None else [_indices(design, found.first, found.total)]
+            indices = findings.ranking.errors[target][estimator]
+            plots = [] if indices is None else [_indices(design, indices.first, indices.total)]
             if "rmse_over_time" in design.data and findings.ranking.errors[target][findings.ranking.best(target)]:
                 found_along = AlongDrive(findings.ranking, target)
                 plots.append(_along(found_along))
@@ -283,13 +283,13 @@ def _indices(design: Design, first: tuple[Interval, ...], total: tuple[Interval,
                       x_range=(ends[0] - 0.05, ends[1] + 0.05), y_range=(-0.6, len(names) - 0.4),
                       name="Sobol indices")  # fmt: skip
     items = []
-    for (name, found, shift), look in zip(
+    for (name, indices, shift), look in zip(
         (("total", total, 0.1), ("first order", first, -0.1)), style.looks(["total", "first"]).values(), strict=True
     ):
         y = np.arange(len(names))[::-1] - 0.25 + shift
         source = ColumnDataSource({
-            "y": y, "value": [v.value for v in found], "lower": [v.lower for v in found],
-            "upper": [v.upper for v in found], "name": names,
+            "y": y, "value": [v.value for v in indices], "lower": [v.lower for v in indices],
+            "upper": [v.upper for v in indices], "name": names,
         })  # fmt: skip
         line = looks.line(look)
         plot.segment("lower", "y", "upper", "y", source=source, color=line, line_width=2.5)
@@ -304,23 +304,23 @@ def _indices(design: Design, first: tuple[Interval, ...], total: tuple[Interval,
     return plot
 
 
-def _along(found: AlongDrive) -> Any:
+def _along(along: AlongDrive) -> Any:
     """Return the total indices over the drive whose errors are kept over time."""
-    who = found.design.estimators[found.estimator]
+    who = along.design.estimators[along.estimator]
     plot = looks.plot(
-        f"Total index over the drive {found.drive}, {who}", 280, y_range=(-0.05, 1.1), name="indices over time"
+        f"Total index over the drive {along.drive}, {who}", 280, y_range=(-0.05, 1.1), name="indices over time"
     )
-    total = found.total
+    total = along.total
     order = np.argsort(-np.nan_to_num(total[:, :, 0]).mean(axis=1), kind="stable")[:_DRAWN]
     chosen = list(style.looks([str(i) for i in order]).values())
     for i, look in zip(order, chosen, strict=True):
         source = ColumnDataSource(
-            {"t": found.time, **{n: total[i, :, k] for k, n in enumerate(("value", "lower", "upper"))}}
+            {"t": along.time, **{n: total[i, :, k] for k, n in enumerate(("value", "lower", "upper"))}}
         )
         line = looks.line(look)
         plot.varea("t", "lower", "upper", source=source, color=line, alpha=0.15)
         plot.line("t", "value", source=source, color=line, line_dash=looks.dash(look), line_width=1.8,
-                  legend_label=found.design.factors[i].words)  # fmt: skip
+                  legend_label=along.design.factors[i].words)  # fmt: skip
     looks.legend_above(plot)
     plot.xaxis.axis_label, plot.yaxis.axis_label = "time in s", "total index"
     return plot

@@ -29,31 +29,33 @@ def build(folder: Path) -> Callable[[Document], None]:
     Raises:
         UserError: If they cannot be read.
     """
-    found, file = read_record(folder / "identify.json"), folder / "drives.npz"
+    record, file = read_record(folder / "identify.json"), folder / "drives.npz"
     series = unpacked(file) if file.exists() else {}
 
     def put(document: Document) -> None:
         given, address = arguments_of(document), address_bar()
 
-        def told(drive: int, output: int) -> None:
+        def keep(drive: int, output: int) -> None:
             address.value = "?" + urlencode({"drive": drive, "output": output})
 
-        estimates = [e for e in found.get("estimates") or [] if isinstance(e, dict)]
+        estimates = [e for e in record.get("estimates") or [] if isinstance(e, dict)]
         parts = [Part("Which values were found?", [_table(estimates), _intervals(estimates)], _INTERVALS)]
-        if found.get("correlation") and len(found["correlation"]) == len(estimates):
+        if record.get("correlation") and len(record["correlation"]) == len(estimates):
             names = [words(e["name"]) for e in estimates]
-            parts.append(Part("Which depend on each other?", [correlations(names, found["correlation"])], _CORRELATION))
+            parts.append(
+                Part("Which depend on each other?", [correlations(names, record["correlation"])], _CORRELATION)
+            )
         if series:
-            held = [str(d.get("name")) for d in found.get("drives") or [] if d.get("held_out")]
+            held = [str(d.get("name")) for d in record.get("drives") or [] if d.get("held_out")]
             chosen = index_of(given.get("drive"), len(series)) or 0, index_of(given.get("output"), 99) or 0
-            parts.append(Part("Before and after", [DrivesFigure(series, held, chosen, told).layout]))
-        objective = found.get("objective") or {}
-        said = f"Method {found.get('method')} on {found.get('model')}: {objective.get('name')} "
+            parts.append(Part("Before and after", [DrivesFigure(series, held, chosen, keep).layout]))
+        objective = record.get("objective") or {}
+        said = f"Method {record.get('method')} on {record.get('model')}: {objective.get('name')} "
         said += f"{_number(objective.get('before'))} before, {_number(objective.get('after'))} after."
         put_parts(
             document,
             f"Which parameters fit? {folder.name}",
-            [said, *map(str, found.get("notes") or [])],
+            [said, *map(str, record.get("notes") or [])],
             parts,
             address,
         )
@@ -92,22 +94,22 @@ def _intervals(estimates: Sequence[Mapping[str, Any]]) -> Any:
             continue
         ends = [end / start if isinstance(end, (int, float)) else value / start for end in interval]
         rows.append((words(e["name"]), value / start, min(ends), max(ends)))
-    found = looks.plot("Value over that at the start", 110 + 40 * len(rows), tools="xpan,xwheel_zoom,reset",
+    plot = looks.plot("Value over that at the start", 110 + 40 * len(rows), tools="xpan,xwheel_zoom,reset",
                        x_range=_ends(rows), y_range=(-0.55, len(rows) - 0.45))  # fmt: skip
     y = np.arange(len(rows))[::-1] - 0.25
     source = ColumnDataSource(
         {k: [r[i] for r in rows] for i, k in enumerate(("name", "value", "low", "high"))} | {"y": y}
     )
     line = looks.line(style.looks(["found"])["found"])
-    found.segment("low", "y", "high", "y", source=source, line_width=3, color=line)
-    marks = found.scatter("value", "y", source=source, size=9, color=line)
-    found.add_layout(Span(location=1.0, dimension="height", line_color="#000000", line_dash="dashed"))
-    found.add_tools(
+    plot.segment("low", "y", "high", "y", source=source, line_width=3, color=line)
+    marks = plot.scatter("value", "y", source=source, size=9, color=line)
+    plot.add_layout(Span(location=1.0, dimension="height", line_color="#000000", line_dash="dashed"))
+    plot.add_tools(
         looks.hover([marks], ("", "@name"), ("ratio", "@value{0.0000}"), ("95 %", "@low{0.0000} to @high{0.0000}"))
     )
-    looks.names_inside(found, [r[0] for r in rows], found.x_range.start)
-    found.xaxis.axis_label = "found over start"
-    return found
+    looks.names_inside(plot, [r[0] for r in rows], plot.x_range.start)
+    plot.xaxis.axis_label = "found over start"
+    return plot
 
 
 def _ends(rows: Sequence[tuple[str, float, float, float]]) -> tuple[float, float]:

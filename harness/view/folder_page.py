@@ -40,9 +40,9 @@ def build(folder: Path, results: Sequence[tuple[Path, str]]) -> Callable[[Docume
         addresses = {path.name: str(i) for i, (path, _) in enumerate(results, 1)}
         for path, kind in results:
             if kind == "campaign":
-                found = read_record(path / campaign_page.FILE)
+                record = read_record(path / campaign_page.FILE)
                 hint = "A study opens its page; of several, the first."
-                parts.append(Part("What the campaign found", [campaign_page.findings(found, addresses)], hint))
+                parts.append(Part("What the campaign found", [campaign_page.findings(record, addresses)], hint))
         put_parts(document, f"Results in {folder.name or folder}", [count], parts, address_bar())
 
     return put
@@ -64,10 +64,10 @@ def _told(folder: Path, kind: str) -> tuple[str, str]:
             from harness.study.report import analyse  # only where there are studies: it takes seconds to import
             from harness.study.report.opening import sentences
 
-            found = analyse(folder)
-            attributes = found.store.attributes
+            analysis = analyse(folder)
+            attributes = analysis.store.attributes
             title = str(attributes.get("title") or attributes.get("study_name") or folder.name)
-            best, harms, counts = sentences(found)
+            best, harms, counts = sentences(analysis)
             return title, " ".join((best or harms or counts)[:1])
         if kind == "campaign":
             record = read_record(folder / campaign_page.FILE)
@@ -84,10 +84,11 @@ def _answer(record: dict[str, Any]) -> str:
     answer = record.get("answer") or record.get("notes") or []
     if answer:
         return answer if isinstance(answer, str) else " ".join(map(str, answer))
-    found = [
+    numbers = [
         e for e in record.get("estimates") or [] if isinstance(e, dict) and isinstance(e.get("value"), (int, float))
     ]
     values = (
-        f"{words(e['name'])} {style.with_unit(float(e['value']), print_unit(str(e.get('unit') or '')))}" for e in found
+        f"{words(e['name'])} {style.with_unit(float(e['value']), print_unit(str(e.get('unit') or '')))}"
+        for e in numbers
     )
     return f"{record.get('model', '')}: {', '.join(values)}"

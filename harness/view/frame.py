@@ -53,9 +53,9 @@ def line(*widgets: Any) -> Any:
 
 def address_bar() -> TextInput:
     """Return a hidden text that becomes the query of the address whenever it is set."""
-    found = TextInput(value="", visible=False)
-    found.js_on_change("value", CustomJS(code=_ADDRESS))
-    return found
+    bar = TextInput(value="", visible=False)
+    bar.js_on_change("value", CustomJS(code=_ADDRESS))
+    return bar
 
 
 def arguments_of(document: Document) -> dict[str, str]:
@@ -72,17 +72,17 @@ def index_of(given: str | None, count: int) -> int | None:
 
 def indices_of(given: str | None, count: int) -> tuple[int, ...]:
     """Return the indices that an address asks for, those that there are."""
-    found = [index_of(part, count) for part in (given or "").split(".")]
-    return tuple(dict.fromkeys(i for i in found if i is not None))
+    indices = [index_of(part, count) for part in (given or "").split(".")]
+    return tuple(dict.fromkeys(i for i in indices if i is not None))
 
 
 def seconds_of(given: str | None) -> float:
     """Return a time that an address asks for; 0 if it asks for none."""
     try:
-        found = float(given or 0.0)
+        seconds = float(given or 0.0)
     except ValueError:
         return 0.0
-    return found if 0.0 <= found < 1e9 else 0.0
+    return seconds if 0.0 <= seconds < 1e9 else 0.0
 
 
 def fill(document: Document, template: str, title: str, roots: dict[str, Any], **variables: Any) -> None:
@@ -126,9 +126,9 @@ def read_record(path: Path) -> dict[str, Any]:
     """
     text = read_text(path)
     try:
-        found = json.loads(text)
+        record = json.loads(text)
     except ValueError as error:
         raise UserError(f"{path}: cannot be read ({type(error).__name__}: {error})") from error
-    if not isinstance(found, dict):
+    if not isinstance(record, dict):
         raise UserError(f"{path}: no record that the harness wrote")
-    return found
+    return record

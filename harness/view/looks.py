@@ -95,7 +95,7 @@ MARKERS = {"o": "circle", "s": "square", "^": "triangle", "D": "diamond", "v": "
 
 def plot(title: str, height: int, tools: str = "xpan,xwheel_zoom,xbox_zoom,reset", **further: Any) -> Any:
     """Return an empty figure as wide as the page."""
-    found = figure(
+    plot_ = figure(
         title=textwrap.fill(title, _TITLE),
         height=height,
         sizing_mode="stretch_width",
@@ -103,23 +103,23 @@ def plot(title: str, height: int, tools: str = "xpan,xwheel_zoom,xbox_zoom,reset
         toolbar_location="right",
         **further,
     )
-    found.toolbar.logo = None
-    found.toolbar.autohide = True
-    found.output_backend = "canvas"
-    for axis in found.axis:
+    plot_.toolbar.logo = None
+    plot_.toolbar.autohide = True
+    plot_.output_backend = "canvas"
+    for axis in plot_.axis:
         write_axis(axis)
-    found.title.text_font, found.title.text_font_size = FONT, "13px"
-    found.title.text_color = "#111111"
+    plot_.title.text_font, plot_.title.text_font_size = FONT, "13px"
+    plot_.title.text_color = "#111111"
     if len(title) > _TITLE:
-        found.js_on_change("inner_width", CustomJS(args={"title": found.title}, code=_FOLD))
-    for axis, scale in ((found.xaxis, found.x_scale), (found.yaxis, found.y_scale)):
+        plot_.js_on_change("inner_width", CustomJS(args={"title": plot_.title}, code=_FOLD))
+    for axis, scale in ((plot_.xaxis, plot_.x_scale), (plot_.yaxis, plot_.y_scale)):
         if isinstance(scale, LogScale):
             axis.ticker, axis.formatter = CustomJSTicker(major_code=_LOG_TICKS, minor_code="return [];"), plain_ticks()
-    found.grid.grid_line_color = "#e4e4e4"
-    found.outline_line_color = None
+    plot_.grid.grid_line_color = "#e4e4e4"
+    plot_.outline_line_color = None
     if further.get("match_aspect"):
-        found.min_border_left = _LABELS
-    return found
+        plot_.min_border_left = _LABELS
+    return plot_
 
 
 def write_axis(axis: Any) -> None:
@@ -138,16 +138,16 @@ def slant_labels(axis: Any) -> None:
     axis.major_label_policy = CustomLabelingPolicy(code=_SLANTED)
 
 
-def names_inside(plot: Any, names: Sequence[str], left: float) -> None:
+def names_inside(plot: Any, names: Sequence[str], edge: float) -> None:
     """Write names above the rows of a figure, the first on top: beside them they would take a phone's width.
 
     Args:
         plot: With rows at 0, 1, … from below.
         names: Of the rows.
-        left: End of its x-axis.
+        edge: End of its x-axis.
     """
     source = ColumnDataSource(
-        {"x": [left] * len(names), "y": np.arange(len(names))[::-1] + 0.5 - NAME, "name": list(names)}
+        {"x": [edge] * len(names), "y": np.arange(len(names))[::-1] + 0.5 - NAME, "name": list(names)}
     )
     plot.text("x", "y", "name", source=source, text_baseline="bottom", text_font={"value": FONT}, text_font_size="13px",
               text_color="#111111", x_offset=4, y_offset=-1, background_fill_color="#ffffff", padding=2,
@@ -179,13 +179,13 @@ def legend_above(plot: Any, items: Sequence[Any] | None = None, columns: int = 2
 
 def colour_bar(plot: Any, mapper: Any, title: str, **further: Any) -> ColorBar:
     """Put what the colours of a figure mean to its right, and return it."""
-    found = ColorBar(
+    bar = ColorBar(
         color_mapper=mapper, title=title, width=14, title_text_font=FONT, title_text_font_style="normal",
         title_text_font_size="13px", title_text_color="#111111", major_label_text_font=FONT,
         major_label_text_font_size="13px", major_label_text_color="#111111", **further,
     )  # fmt: skip
-    plot.add_layout(found, "right")
-    return found
+    plot.add_layout(bar, "right")
+    return bar
 
 
 def dash(look: Look) -> str | list[int]:
@@ -210,22 +210,22 @@ def marker(look: Look) -> str:
     return MARKERS.get(look.marker, "plus")
 
 
-def colour(of: tuple[float, float, float]) -> str:
+def colour(rgb: tuple[float, float, float]) -> str:
     """Return a colour as a browser takes it."""
-    return "#" + "".join(f"{round(255 * part):02x}" for part in of)
+    return "#" + "".join(f"{round(255 * part):02x}" for part in rgb)
 
 
 def line(look: Look) -> str:
     """Return the colour of an estimator's lines: that of the reports, darkened until it stands out from white."""
-    found = np.array(look.line)
-    while 1.05 / (_luminance(found) + 0.05) < CONTRAST:
-        found = 0.97 * found
-    return colour((float(found[0]), float(found[1]), float(found[2])))
+    rgb = np.array(look.line)
+    while 1.05 / (_luminance(rgb) + 0.05) < CONTRAST:
+        rgb = 0.97 * rgb
+    return colour((float(rgb[0]), float(rgb[1]), float(rgb[2])))
 
 
-def _luminance(of: Floats) -> float:
+def _luminance(rgb: Floats) -> float:
     """Return the relative luminance of a colour (WCAG 2.2)."""
-    linear = np.where(of <= 0.04045, of / 12.92, ((of + 0.055) / 1.055) ** 2.4)
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
     return float(linear @ [0.2126, 0.7152, 0.0722])
 
 
@@ -237,13 +237,13 @@ def hover(renderers: list[Any], *rows: tuple[str, str]) -> HoverTool:
 def _diverging() -> list[str]:
     """Return colours from blue by white to orange, which colour-blind readers tell apart (Okabe and Ito 2008)."""
     ends = (0x4C, 0x9B, 0xCB), (0xFF, 0xFF, 0xFF), (0xE6, 0x8A, 0x3C)
-    found = []
+    colours = []
     for k in range(256):
         share = k / 127.5
         first, last = (ends[0], ends[1]) if share <= 1 else (ends[1], ends[2])
         part = share if share <= 1 else share - 1
-        found.append("#" + "".join(f"{round(a + part * (b - a)):02x}" for a, b in zip(first, last, strict=True)))
-    return found
+        colours.append("#" + "".join(f"{round(a + part * (b - a)):02x}" for a, b in zip(first, last, strict=True)))
+    return colours
 
 
 DIVERGING = _diverging()

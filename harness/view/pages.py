@@ -41,7 +41,7 @@ def pages(folders: Sequence[Path], study: Path | None = None) -> dict[str, Put]:
     Raises:
         UserError: If a folder holds no result, or studies cannot be shown side by side.
     """
-    beside = None if study is None else study.parent
+    study_folder = None if study is None else study.parent
     if len(folders) > 1:
         for i, folder in enumerate(folders):
             if kind_of(folder) != "study":
@@ -49,38 +49,38 @@ def pages(folders: Sequence[Path], study: Path | None = None) -> dict[str, Put]:
             if folder.resolve() in [f.resolve() for f in folders[:i]]:
                 raise UserError(f"{folder}: given twice")
         side_by_side = import_module("harness.view.side_by_side_page").build(folders)
-        return {"/": side_by_side, **{f"/{i}": _later(folder, beside) for i, folder in enumerate(folders, 1)}}
+        return {"/": side_by_side, **{f"/{i}": _later(folder, study_folder) for i, folder in enumerate(folders, 1)}}
     folder = folders[0]
     if kind_of(folder) is not None:
-        return {"/": _page(folder, beside)}
+        return {"/": _page(folder, study_folder)}
     inner = sorted(path for path in folder.iterdir() if path.is_dir() and kind_of(path)) if folder.is_dir() else []
     if not inner:
         raise UserError(
             f"{folder}: no result to show: there is none of {', '.join(KINDS)} in it, nor in a folder in it; the "
             "commands run, trace, identify, check and campaign write them"
         )
-    found = {f"/{i}": _later(path, beside) for i, path in enumerate(inner, 1)}
-    return {"/": folder_page.build(folder, [(path, str(kind_of(path))) for path in inner]), **found}
+    inner_pages = {f"/{i}": _later(path, study_folder) for i, path in enumerate(inner, 1)}
+    return {"/": folder_page.build(folder, [(path, str(kind_of(path))) for path in inner]), **inner_pages}
 
 
-def _page(folder: Path, beside: Path | None) -> Put:
+def _page(folder: Path, study_folder: Path | None) -> Put:
     """Return the page of one result; what pages of another kind need is not imported."""
     module = {"study": "study_page", "trace": "trace_page", "identification": "fit_page", "check": "check_page",
               "campaign": "campaign_page"}  # fmt: skip
     kind = str(kind_of(folder))
     build = import_module(f"harness.view.{module[kind]}").build
-    found: Put = build(folder, beside) if kind == "study" else build(folder)
-    return found
+    page: Put = build(folder, study_folder) if kind == "study" else build(folder)
+    return page
 
 
-def _later(folder: Path, beside: Path | None) -> Put:
+def _later(folder: Path, study_folder: Path | None) -> Put:
     """Return a page that is read when it is opened first."""
     made: list[Put] = []
 
     def put(document: Document) -> None:
         if not made:
             try:
-                made.append(_page(folder, beside))
+                made.append(_page(folder, study_folder))
             except UserError as error:
                 made.append(folder_page.refused(folder, str(error)))
         made[0](document)

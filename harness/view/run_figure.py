@@ -133,86 +133,86 @@ class RunFigure:
                 source.data = data  # inputs are those of the drive whatever a slider changes
 
     def _plot(self, title: str, height: int, **further: Any) -> Any:
-        found = looks.plot(title, height, x_range=self._range, **further)
-        found.vspan("t", source=self._cursor, line_color="#D55E00", line_width=1.2, level="overlay")  # moves alone
-        found.js_on_event(Tap, self._to_here)
-        return found
+        plot = looks.plot(title, height, x_range=self._range, **further)
+        plot.vspan("t", source=self._cursor, line_color="#D55E00", line_width=1.2, level="overlay")  # moves alone
+        plot.js_on_event(Tap, self._to_here)
+        return plot
 
     def _signal(self, name: str, legend: bool) -> Any:
         q, source = quantity(name), self._sources[f"signal {name}"]
-        found = self._plot(q.words[:1].upper() + q.words[1:], 230)
-        found.yaxis.axis_label = q.unit
+        plot = self._plot(q.words[:1].upper() + q.words[1:], 230)
+        plot.yaxis.axis_label = q.unit
         for i, slot in enumerate(self._slots):
             if f"low {i}" in source.data:
-                slot.areas.append(found.varea("time", f"low {i}", f"high {i}", source=source, alpha=0.18).glyph)
-        truth = found.line("time", "truth", source=source, color=style.TRUTH, line_width=2.4)
+                slot.areas.append(plot.varea("time", f"low {i}", f"high {i}", source=source, alpha=0.18).glyph)
+        truth = plot.line("time", "truth", source=source, color=style.TRUTH, line_width=2.4)
         items = [LegendItem(label={"value": "truth"}, renderers=[truth])]
         for i, slot in enumerate(self._slots):
             if f"estimate {i}" not in source.data:
                 continue
-            drawn = found.line("time", f"estimate {i}", source=source, line_width=1.6)
+            drawn = plot.line("time", f"estimate {i}", source=source, line_width=1.6)
             slot.dashed.append(drawn.glyph)
-            found.add_tools(looks.hover([drawn], ("t", "@time s"), ("estimate", f"@{{estimate {i}}}{{0.000 a}}")))
+            plot.add_tools(looks.hover([drawn], ("t", "@time s"), ("estimate", f"@{{estimate {i}}}{{0.000 a}}")))
             items.append(LegendItem(label={"value": ""}, renderers=[drawn]))
             slot.labels.append(items[-1])
-        found.add_tools(looks.hover([truth], ("t", "@time s"), ("truth", "@truth{0.000 a}")))
+        plot.add_tools(looks.hover([truth], ("t", "@time s"), ("truth", "@truth{0.000 a}")))
         if legend:
-            looks.legend_above(found, items)
-        return found
+            looks.legend_above(plot, items)
+        return plot
 
     def _innovation(self, output: str) -> Any:
         q, source = quantity(output), self._sources[f"innovation {output}"]
-        found = self._plot(f"Innovation ± 2σ: {q.words}", 170)
-        found.yaxis.axis_label = q.unit
+        plot = self._plot(f"Innovation ± 2σ: {q.words}", 170)
+        plot.yaxis.axis_label = q.unit
         for i, slot in enumerate(self._slots):
-            slot.lines.append(found.line("time", f"innovation {i}", source=source, alpha=0.7).glyph)
+            slot.lines.append(plot.line("time", f"innovation {i}", source=source, alpha=0.7).glyph)
             for side in ("low", "high"):
-                bound = found.line("time", f"{side} {i}", source=source, line_dash="dashed", line_width=1.5)
+                bound = plot.line("time", f"{side} {i}", source=source, line_dash="dashed", line_width=1.5)
                 slot.lines.append(bound.glyph)
-        return found
+        return plot
 
     def _ratio(self, name: str, words_: str) -> Any:
         source = self._sources[name]
-        found = self._plot(f"{words_} (black: expected, 95 %)", 190, y_axis_type="log")
-        found.yaxis.axis_label = name.upper()
+        plot = self._plot(f"{words_} (black: expected, 95 %)", 190, y_axis_type="log")
+        plot.yaxis.axis_label = name.upper()
         for i, slot in enumerate(self._slots):
-            drawn = found.line("time", f"{name} {i}", source=source)
+            drawn = plot.line("time", f"{name} {i}", source=source)
             slot.dashed.append(drawn.glyph)
-            found.add_tools(looks.hover([drawn], ("t", "@time s"), (name.upper(), f"@{{{name} {i}}}{{0.00}}")))
+            plot.add_tools(looks.hover([drawn], ("t", "@time s"), (name.upper(), f"@{{{name} {i}}}{{0.00}}")))
         for line, dashes in (("expected", "solid"), ("lower", "dashed"), ("upper", "dashed")):
-            found.line("time", line, source=source, color=style.TRUTH, line_dash=dashes, line_width=1.6)
-        return found
+            plot.line("time", line, source=source, color=style.TRUTH, line_dash=dashes, line_width=1.6)
+        return plot
 
     def _input(self, name: str) -> Any:
         q = quantity(name.removeprefix("input_"))
-        found = self._plot(f"Input: {words(q.words)}", 140)
-        found.yaxis.axis_label = q.unit
-        found.line("time", "value", source=self._sources[name], color="#444444")
-        return found
+        plot = self._plot(f"Input: {words(q.words)}", 140)
+        plot.yaxis.axis_label = q.unit
+        plot.line("time", "value", source=self._sources[name], color="#444444")
+        return plot
 
 
 def _columns(run: Replayed, estimators: Sequence[str], signals: Sequence[str]) -> dict[str, dict[str, Floats]]:
     """Return what each figure draws over all samples, in report units."""
-    data, found = run.data, {}
+    data, sources = run.data, {}
     time = data["time"].values
     for name in signals:
         q, columns = quantity(name), {"time": time}
         if name not in data["target"].values:
             assert run.everything is not None
-            found[f"signal {name}"] = columns | {"truth": q.scale * run.everything[name].values}
+            sources[f"signal {name}"] = columns | {"truth": q.scale * run.everything[name].values}
             continue
         own = data.sel(target=name)
         columns["truth"] = q.scale * own["truth"].values
         for i in range(len(estimators)):
             value, spread = (q.scale * own[v].values[:, i] for v in ("estimate", "std"))
             columns |= {f"estimate {i}": value, f"low {i}": value - 2 * spread, f"high {i}": value + 2 * spread}
-        found[f"signal {name}"] = columns
+        sources[f"signal {name}"] = columns
     if "nis" in data:
-        found |= _consistency(data, estimators)
+        sources |= _consistency(data, estimators)
     for name in (str(n) for n in data if str(n).startswith("input_") and not str(n).endswith("_rate")):
         scale = quantity(name.removeprefix("input_")).scale
-        found[name] = {"time": time, "value": scale * data[name].values}
-    return found
+        sources[name] = {"time": time, "value": scale * data[name].values}
+    return sources
 
 
 def _consistency(data: xr.Dataset, estimators: Sequence[str]) -> dict[str, dict[str, Floats]]:
@@ -221,27 +221,27 @@ def _consistency(data: xr.Dataset, estimators: Sequence[str]) -> dict[str, dict[
     NIS of successive samples are independent in a consistent filter, so the mean of ``n`` has the band of a chi-square
     variable of ``n`` times as many degrees of freedom, over ``n``. Successive NEES are not, so theirs is that of one.
     """
-    found, time = {}, data["time"].values
+    sources, time = {}, data["time"].values
     for output in map(str, data["output"].values):
         q, own = quantity(output), data.sel(output=output)
         columns = {"time": time}
         for i in range(len(estimators)):
             value, spread = (q.scale * own[v].values[:, i] for v in ("innovation", "innovation_std"))
             columns |= {f"innovation {i}": value, f"low {i}": -2 * spread, f"high {i}": 2 * spread}
-        found[f"innovation {output}"] = columns
+        sources[f"innovation {output}"] = columns
     for name, window in (("nis", max(1, round(1.0 / float(time[1] - time[0])))), ("nees", 1)):
         freedom = float(data[name].attrs["expected"])
         lower, upper = chi2.ppf([0.025, 0.975], window * freedom) / window
         lines = {"expected": freedom, "lower": float(lower), "upper": float(upper)}
         values = {f"{name} {i}": _averaged(data[name].values[:, i], window) for i in range(len(estimators))}
-        found[name] = {"time": time, **{k: np.full(len(time), v) for k, v in lines.items()}, **values}
-    return found
+        sources[name] = {"time": time, **{k: np.full(len(time), v) for k, v in lines.items()}, **values}
+    return sources
 
 
 def _averaged(values: np.ndarray, window: int) -> np.ndarray:
     """Return the mean over a window before each sample; NaN where it holds none."""
-    known = np.isfinite(values)
-    sums, counts = (np.concatenate([[0.0], np.cumsum(v)]) for v in (np.where(known, values, 0.0), known))
+    finite = np.isfinite(values)
+    sums, counts = (np.concatenate([[0.0], np.cumsum(v)]) for v in (np.where(finite, values, 0.0), finite))
     first = np.maximum(np.arange(len(values)) + 1 - window, 0)
     total, count = sums[1:] - sums[first], counts[1:] - counts[first]
-    return np.where(known & (count > 0), total / np.maximum(count, 1), np.nan)
+    return np.where(finite & (count > 0), total / np.maximum(count, 1), np.nan)

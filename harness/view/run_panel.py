@@ -81,8 +81,8 @@ class Runs(StoredRuns):
         beside: Folder of the study file.
     """
 
-    def __init__(self, folder: Path, beside: Path | None = None) -> None:
-        super().__init__(folder, beside)
+    def __init__(self, folder: Path, study_folder: Path | None = None) -> None:
+        super().__init__(folder, study_folder)
         self.pool = ThreadPoolExecutor(1)
         self._one, self._prepared = threading.Lock(), False
 
@@ -109,10 +109,10 @@ def parameters_of(study: Study) -> dict[str, Parameter]:
     factors = {f.parameter: f for d in study.designs for f in d.factors}
     own = {p.name: (p.unit, p.lower, p.upper) for p in study.plant.model().parameters if not p.numerical}
     wanted = dict.fromkeys([*(n for n in factors if n in own or n in NOISE_SCALES), *NOISE_SCALES[:2], *own])
-    found = {}
+    parameters = {}
     for name in wanted:
         if name in NOISE_SCALES:
-            found[name] = Parameter(name, words(name), 1.0, 0.1, 10.0)
+            parameters[name] = Parameter(name, words(name), 1.0, 0.1, 10.0)
             continue
         unit, lowest, highest = own[name]
         value, shown = study.plant.values[name], factors[name].report_unit if name in factors else unit
@@ -123,8 +123,8 @@ def parameters_of(study: Study) -> dict[str, Parameter]:
         size = float(unit_scale(shown, unit, name)) if shown else 1.0
         if high > low:
             said = f"{words(name)}{style.in_unit(print_unit(shown))}"
-            found[name] = Parameter(name, said, size, low / size, high / size)
-    return found
+            parameters[name] = Parameter(name, said, size, low / size, high / size)
+    return parameters
 
 
 NO_RUN = (
@@ -255,13 +255,13 @@ class RunPanel:
         place, compared, values, fast = wanted
 
         everything = not fast or any(s in self._beyond for s in self.roots["signals"].value)
-        known = self._stored_scores if self._place is not None and self._place[:2] == wanted[:2] and fast else None
+        scored = self._stored_scores if self._place is not None and self._place[:2] == wanted[:2] and fast else None
 
         def work() -> None:
             changes = [Change(name, value) for name, value in values.items()]
             try:
                 run: Any = self._runs.compute(place, compared, changes, not fast, everything)
-                stored = self._runs.stored(run) if known is None else known
+                stored = self._runs.stored(run) if scored is None else scored
                 words_ = self._runs.comparison(run, stored).words if not changes else ""
                 done = partial(self._done, wanted, run, stored, words_)
             except (UserError, ModelError) as error:
@@ -341,7 +341,7 @@ class RunPanel:
         """Put a slider for each chosen parameter, at what the run has; those that are there stay."""
         if self._run is None:
             return
-        self._setting, found = True, dict[str, Slider]()
+        self._setting, sliders = True, dict[str, Slider]()
         changes = self._place[2] if self._place is not None else {}
         own = {f.parameter: f.lower[0] for f in self._run.study.designs[0].factors if f.of != "belief"}
         for name in self.roots["parameters"].value:
@@ -349,10 +349,10 @@ class RunPanel:
             value = changes.get(name, own.get(name, self._run.plant.get(name, 1.0))) / parameter.unit
             low, high = min(parameter.lower, value), max(parameter.upper, value)
             ends: dict[str, Any] = {"start": low, "end": high, "step": (high - low) / 200, "value": value}
-            slider = found[name] = self._sliders.get(name) or self._slider(parameter, ends)
+            slider = sliders[name] = self._sliders.get(name) or self._slider(parameter, ends)
             slider.update(**ends)
-        if self._sliders != found:
-            self._sliders, self.roots["sliders"].children = found, list(found.values())
+        if self._sliders != sliders:
+            self._sliders, self.roots["sliders"].children = sliders, list(sliders.values())
         self._setting = False
 
     def _slider(self, parameter: Parameter, ends: Mapping[str, Any]) -> Slider:

@@ -130,8 +130,8 @@ class _LocalOnly(BokehTornado):
         """Keep addresses, which hold the token, out of the log."""
 
 
-def _same(one: str, other: str) -> bool:
-    return hmac.compare_digest(one.encode(), other.encode())
+def _same(first: str, second: str) -> bool:
+    return hmac.compare_digest(first.encode(), second.encode())
 
 
 class Page:

@@ -156,23 +156,23 @@ class _SideBySide:
         self._table.children = [table(self._rows(values, why))]
         self._show(self._run)
 
-    def _arranged(self, of: Sequence[int]) -> list[Slot]:
-        slots = self._studies.slots(of, self._name)
+    def _arranged(self, numbers: Sequence[int]) -> list[Slot]:
+        slots = self._studies.slots(numbers, self._name)
         levels = [self._studies.level(slot, self._name) for slot in slots]
         return [slots[i] for i in arranged(slots, levels, by_level=self._order.active == 0)]
 
     def _figure(self, which: int, values: dict[int, np.ndarray], against: str, log: bool) -> BoxFigure:
         """Return the figure of all boxes, or that of the differences to the first study."""
         studies, score, target = self._studies, self._score.value, self._studies.targets[int(self._target.value)]
-        found: list[Box] = []
+        drawn: list[Box] = []
         for i, slot in enumerate(self._slots[which]):
             for e in sorted(self._estimators.active):
                 runs = self._runs(values, slot, e, bool(against))
                 if runs is not None:
-                    found.append(sorted_box(i, e, runs, (slot.band, None)))
+                    drawn.append(sorted_box(i, e, runs, (slot.band, None)))
         what = SCORES[score] + ("" if score in ("nees", "nis", "time_of_divergence") else f" of the {target.words}")
         figure = BoxFigure(
-            found, self._across(self._slots[which]), studies.estimators, self._looks, score, target, log,
+            drawn, self._across(self._slots[which]), studies.estimators, self._looks, score, target, log,
             f"{what}: {against}" if against else "", {0.0: "dashed"} if against else {},
         )  # fmt: skip
         if against:
@@ -205,15 +205,15 @@ class _SideBySide:
 
     def _what_levels_are(self) -> str:
         """Return what varies in each study, and of which of its designs that is."""
-        told: dict[str, list[str]] = {}
+        studies_of: dict[str, list[str]] = {}
         for k in sorted(self._shown.active):
             design = self._studies.design(k, self._name)
             other = "" if design.name == self._name else f" (its design '{words(design.name)}')"
             varied = self._studies.level(Slot(k, 0), self._name)[0] if design.factors else "nothing varies"
-            told.setdefault(varied, []).append(self._studies.names[k] + other)
-        if not told:
+            studies_of.setdefault(varied, []).append(self._studies.names[k] + other)
+        if not studies_of:
             return "No study is switched on."
-        return "Levels: " + "; ".join(f"{', '.join(names)}: {varied}" for varied, names in told.items()) + "."
+        return "Levels: " + "; ".join(f"{', '.join(names)}: {varied}" for varied, names in studies_of.items()) + "."
 
     def _rows(self, values: dict[int, np.ndarray], why: dict[int, str]) -> dict[str, list[str]]:
         """Return the table: a row for each box, with what is said of its pairs where any study has some."""
@@ -225,10 +225,10 @@ class _SideBySide:
                 runs = self._runs(values, slot, e, against=False)
                 if runs is None:
                     continue
-                known = runs[np.isfinite(runs)]
-                median = style.number(float(np.median(known))) if len(known) else "–"
+                finite = runs[np.isfinite(runs)]
+                median = style.number(float(np.median(finite))) if len(finite) else "–"
                 level, study = self._studies.level(slot, self._name)[1], self._studies.names[slot.study]
-                cells = [self._studies.estimators[e], level, study, str(len(known)), median]
+                cells = [self._studies.estimators[e], level, study, str(len(finite)), median]
                 if compared:
                     pairs = slot.study > 0 and not why[slot.study]
                     more = self._runs(values, slot, e, against=True) if pairs else None
@@ -259,11 +259,11 @@ class _SideBySide:
         parts = given.split(".")
         if len(parts) != len(counts):
             return None
-        found = [index_of(part, count) for part, count in zip(parts, counts, strict=True)]
-        known = [i for i in found if i is not None]
-        if len(known) < len(counts) or self._column(study, known[1]) is None:
+        indices = [index_of(part, count) for part, count in zip(parts, counts, strict=True)]
+        valid = [i for i in indices if i is not None]
+        if len(valid) < len(counts) or self._column(study, valid[1]) is None:
             return None
-        return known[0], known[1], known[2], known[3], known[4], known[5]
+        return valid[0], valid[1], valid[2], valid[3], valid[4], valid[5]
 
     def _show(self, run: Run | None) -> None:
         """Say of a run what it is and its score in every study that has it, and mark it."""
@@ -288,12 +288,12 @@ class _SideBySide:
         study, estimator, band, *rest = run
         name, score, target = self._name, self._score.value, int(self._target.value)
         alike = [k for k in range(len(self._studies.names)) if not self._studies.unpaired(k, name)]
-        found = {}
+        scores = {}
         for k in alike if study in alike else [study]:
             own = self._column(k, estimator)
             if own is not None:
-                found[k] = float(self._studies.scores(k, name, score, target)[(band, own, *rest)])
-        return found
+                scores[k] = float(self._studies.scores(k, name, score, target)[(band, own, *rest)])
+        return scores
 
     def _in_each(self, run: Run, scores: dict[int, float]) -> Any:
         """Return a table of a run: its score in each study, what it is more than in the first, and its address."""
@@ -313,14 +313,14 @@ class _SideBySide:
 
     def _mark(self, scores: dict[int, float]) -> None:
         """Mark the run that is shown among the boxes, by its score in each study."""
-        for which, of in enumerate((self._boxes.figure, self._differences.figure)):
-            if of is None:
+        for which, figure in enumerate((self._boxes.figure, self._differences.figure)):
+            if figure is None:
                 continue
             if self._run is None:
-                of.mark({})
+                figure.mark({})
                 continue
             _, estimator, band, *_ = self._run
-            of.mark({
+            figure.mark({
                 (i, estimator): scores[slot.study] - (scores.get(0, np.nan) if which else 0.0)
                 for i, slot in enumerate(self._slots[which]) if slot.band == band and slot.study in scores
             })  # fmt: skip
@@ -340,23 +340,23 @@ class _SideBySide:
 def _unpaired(studies: Beside, why: dict[int, str], some: bool) -> str:
     """Return what differences are, or that there are none, and of which studies there can be none, and why."""
     first = studies.names[0]
-    told = [f"No study that is switched on has the runs of {first}."]
+    sentences = [f"No study that is switched on has the runs of {first}."]
     if some:
-        told = [f"Score of every run, less that of the same run in {first}. Below zero a study is better."]
-    told += [f"The runs of {studies.names[k]} are others: {text}." for k, text in why.items() if text]
-    return " ".join(told)
+        sentences = [f"Score of every run, less that of the same run in {first}. Below zero a study is better."]
+    sentences += [f"The runs of {studies.names[k]} are others: {text}." for k, text in why.items() if text]
+    return " ".join(sentences)
 
 
 def _numbers(values: np.ndarray, base: np.ndarray, strata: np.ndarray) -> tuple[str, ...]:
     """Return what a row of the table says of the differences of one estimator at one level."""
-    known = np.isfinite(values)
-    if not known.any():
+    finite = np.isfinite(values)
+    if not finite.any():
         return ("0", *["–"] * (len(_PAIRED) - 1))
-    median, own = statistics.median_interval(values, strata), float(np.median(base[known]))
+    median, own = statistics.median_interval(values, strata), float(np.median(base[finite]))
     share = f"{style.number(100 * median.value / own)} %" if own else "–"
     interval = f"{style.number(median.lower)} to {style.number(median.upper)}"
-    smaller = f"{100 * float((values[known] < 0).mean()):.0f} %"
-    return str(int(known.sum())), style.number(median.value), interval, share, smaller
+    smaller = f"{100 * float((values[finite] < 0).mean()):.0f} %"
+    return str(int(finite.sum())), style.number(median.value), interval, share, smaller
 
 
 _ORDERS = ["by level", "by study"]
@@ -390,13 +390,13 @@ def differing(analyses: Sequence[Analysis], names: Sequence[str]) -> Any:
     return table(columns)
 
 
-def settings(of: Any, above: str = "") -> dict[str, Any]:
+def settings(content: Any, above: str = "") -> dict[str, Any]:
     """Return the settings of a study file by what leads to them, tables as ``None``, entries of lists by name."""
-    if isinstance(of, list) and of and all(isinstance(entry, dict) for entry in of):
-        of = {str(entry.get("name", entry.get("parameter", i))): entry for i, entry in enumerate(of)}
-    if not isinstance(of, dict):
-        return {above: of}
-    found: dict[str, Any] = {above: None} if above else {}
-    for name, value in of.items():
-        found |= settings(value, f"{above}.{name}" if above else name)
-    return found
+    if isinstance(content, list) and content and all(isinstance(entry, dict) for entry in content):
+        content = {str(entry.get("name", entry.get("parameter", i))): entry for i, entry in enumerate(content)}
+    if not isinstance(content, dict):
+        return {above: content}
+    entries: dict[str, Any] = {above: None} if above else {}
+    for name, value in content.items():
+        entries |= settings(value, f"{above}.{name}" if above else name)
+    return entries

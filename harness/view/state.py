@@ -53,35 +53,35 @@ class State:
     @property
     def query(self) -> str:
         """The query that says this."""
-        found: dict[str, Any] = {"design": self.design, "target": self.target, "score": self.score}
-        found |= {k: v for k, v in (("drive", self.drive), ("level", self.level)) if v is not None}
-        found |= {"log": int(self.log), "estimators": ".".join(map(str, self.estimators))}
+        entries: dict[str, Any] = {"design": self.design, "target": self.target, "score": self.score}
+        entries |= {k: v for k, v in (("drive", self.drive), ("level", self.level)) if v is not None}
+        entries |= {"log": int(self.log), "estimators": ".".join(map(str, self.estimators))}
         if self.brush is not None:
-            found["brush"] = self.brush.text
-        found |= {k: ",".join(v) for k in OFFERED if (v := getattr(self, k)) is not None}
+            entries["brush"] = self.brush.text
+        entries |= {k: ",".join(v) for k in OFFERED if (v := getattr(self, k)) is not None}
         if self.run is not None:
             run = self.run
-            found["run"] = f"{run.design}.{run.band}.{run.drive}.{run.sample}.{run.repeat}"
-            found["compared"] = ".".join(map(str, self.compared))
-            found |= {f"plant.{name}": repr(value) for name, value in self.changes.items()}
-        return "?" + urlencode(found)
+            entries["run"] = f"{run.design}.{run.band}.{run.drive}.{run.sample}.{run.repeat}"
+            entries["compared"] = ".".join(map(str, self.compared))
+            entries |= {f"plant.{name}": repr(value) for name, value in self.changes.items()}
+        return "?" + urlencode(entries)
 
 
 def read(arguments: Mapping[str, Sequence[bytes]], results: StudyResults) -> State:
     """Return what an address asks for; what it asks for that is not there is as if it were not asked for."""
     given = {name: values[-1].decode("utf-8", "replace") for name, values in arguments.items() if values}
     design = index_of(given.get("design"), len(results.designs)) or 0
-    of = results.designs[design]
-    every = tuple(range(len(of.estimators)))
+    chosen = results.designs[design]
+    every = tuple(range(len(chosen.estimators)))
     state = State(
         design=design,
-        target=index_of(given.get("target"), len(of.targets)) or 0,
+        target=index_of(given.get("target"), len(chosen.targets)) or 0,
         score=given["score"] if given.get("score") in SCORES else "rmse",
-        drive=index_of(given.get("drive"), len(of.drives)),
-        level=index_of(given.get("level"), len(of.bands)),
+        drive=index_of(given.get("drive"), len(chosen.drives)),
+        level=index_of(given.get("level"), len(chosen.bands)),
         log=given.get("log", "1") != "0",
         estimators=indices_of(given.get("estimators"), len(every)) or every,
-        brush=Brush.read(given.get("brush", ""), len(of.factors)),
+        brush=Brush.read(given.get("brush", ""), len(chosen.factors)),
         signals=_names(given.get("signals")),
         parameters=_names(given.get("parameters")),
     )

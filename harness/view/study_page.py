@@ -76,7 +76,7 @@ class StudyPage:
     def _make_widgets(self) -> dict[str, Any]:
         state, design = self.state, self._design
         designs = [(str(i), words(d.name)) for i, d in enumerate(self._results.designs)]
-        found = {
+        widgets = {
             "design": Select(title="Design", options=designs, value=str(state.design)),
             "target": Select(title="Target", width=260),
             "score": Select(title="Score", options=list(SCORES.items()), value=state.score, width=190),
@@ -90,13 +90,13 @@ class StudyPage:
             "rank": Select(title="Its run", options=list(RANKS.items()), value="", width=120),
         }
         for name in ("design", "target", "drive", "level"):
-            found[name].on_change("value", self._on_select(name))
-        found["score"].on_change("value", lambda _a, _o, new: self._change(score=new))
-        found["scale"].on_change("active", lambda _a, _o, new: self._change(log=bool(new)))
-        found["estimators"].on_change("active", lambda _a, _o, new: self._change(estimators=tuple(sorted(new))))
-        found["rank"].on_change("value", self._by_rank)
-        found["box"].js_on_change("value", CustomJS(args={"rank": found["rank"]}, code="rank.value = '';"))
-        return found
+            widgets[name].on_change("value", self._on_select(name))
+        widgets["score"].on_change("value", lambda _a, _o, new: self._change(score=new))
+        widgets["scale"].on_change("active", lambda _a, _o, new: self._change(log=bool(new)))
+        widgets["estimators"].on_change("active", lambda _a, _o, new: self._change(estimators=tuple(sorted(new))))
+        widgets["rank"].on_change("value", self._by_rank)
+        widgets["box"].js_on_change("value", CustomJS(args={"rank": widgets["rank"]}, code="rank.value = '';"))
+        return widgets
 
     def _offer(self, name: str) -> None:
         """Let a list of the run be as the address says, and the address as the list."""
@@ -153,10 +153,10 @@ class StudyPage:
         w["drive"].value = _ALL if state.drive is None else str(state.drive)
         w["drive"].disabled = state.level is not None
         w["level"].value = _ALL if state.level is None else str(state.level)
-        found = boxes(design, state.score, state.target, state.estimators, state.drive, state.level)
+        drawn = boxes(design, state.score, state.target, state.estimators, state.drive, state.level)
         across = Across(design.drives, "drive") if state.level is not None else Across(design.bands, factors_of(design))
         target = design.targets[state.target]
-        self._figure = BoxFigure(found, across, design.estimators, self._analysis.looks, state.score, target, state.log,
+        self._figure = BoxFigure(drawn, across, design.estimators, self._analysis.looks, state.score, target, state.log,
                                  reference=expected(design, state.score))  # fmt: skip
         self._figure.plot.on_event(Tap, self._tapped)
         self._holder.children = [self._figure.plot]
@@ -173,17 +173,17 @@ class StudyPage:
         self.state = replace(self.state, brush=brush)
         self._address.value = self.state.query
 
-    def _along(self, found: AlongDrive | None) -> None:
+    def _along(self, indices: AlongDrive | None) -> None:
         """Let the path of the drive be coloured by the Sobol indices over its time."""
-        if found is None:
+        if indices is None:
             self._panel.above.colour_also({})
             return
-        who = found.design.estimators[found.estimator]
+        who = indices.design.estimators[indices.estimator]
         self._panel.above.colour_also({
-            f"total Sobol index of {found.design.factors[i].words}, {who}": Along(
-                found.drive, found.time, found.total[i, :, 0], "total index"
+            f"total Sobol index of {indices.design.factors[i].words}, {who}": Along(
+                indices.drive, indices.time, indices.total[i, :, 0], "total index"
             )
-            for i in found.leading
+            for i in indices.leading
         })  # fmt: skip
 
     def _draw_factors(self) -> None:
@@ -199,9 +199,9 @@ class StudyPage:
         self._panel.show(Place(self.state.design, band, drive, sample, repeat), compared, {})
 
     def _tapped(self, event: Tap) -> None:
-        found = self._figure.hit(event.x, event.y) if self._figure is not None else None
-        if found is not None:
-            self._choose(*found)
+        hit = self._figure.hit(event.x, event.y) if self._figure is not None else None
+        if hit is not None:
+            self._choose(*hit)
 
     def _by_rank(self, _attribute: str, _old: str, new: str) -> None:
         if new and not self._busy and self._figure is not None and self._widgets["box"].value:
@@ -243,17 +243,17 @@ class StudyPage:
         figure.mark({(across, e): float(v) for e, v in zip(state.compared, values, strict=True)})
 
 
-def build(folder: Path, beside: Path | None = None) -> Callable[[Document], None]:
+def build(folder: Path, study_folder: Path | None = None) -> Callable[[Document], None]:
     """Return what puts the page of a study into a document.
 
     Args:
         folder: Its result folder.
-        beside: Folder of the study file, if files that it names lie there.
+        study_folder: Folder of the study file, if files that it names lie there.
 
     Raises:
         UserError: If there is no store, or its study cannot be built.
     """
-    analysis, runs = analyse(folder), Runs(folder, beside)
+    analysis, runs = analyse(folder), Runs(folder, study_folder)
 
     def put(document: Document) -> None:
         StudyPage(document, analysis, runs)

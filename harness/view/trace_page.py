@@ -39,27 +39,27 @@ def build(folder: Path) -> Callable[[Document], None]:
     Raises:
         UserError: If they cannot be read.
     """
-    found = read_record(folder / "trace.json")
+    record = read_record(folder / "trace.json")
     file = folder / "drives.npz"
     series = unpacked(file) if file.exists() else {}
 
     def put(document: Document) -> None:
         given, address = arguments_of(document), address_bar()
 
-        def told(drive: int, output: int) -> None:
+        def keep(drive: int, output: int) -> None:
             address.value = "?" + urlencode({"drive": drive, "output": output})
 
-        parts = _drives(found, series, given, told) + _where(found) + _likely(found) + _candidates(found)
-        answer = [str(found.get("answer", "")), *_errors(found)]
+        parts = _drives(record, series, given, keep) + _where(record) + _likely(record) + _candidates(record)
+        answer = [str(record.get("answer", "")), *_errors(record)]
         put_parts(document, f"What does the model lack? {folder.name}", answer, parts, address)
 
     return put
 
 
-def _errors(found: Mapping[str, Any]) -> list[str]:
+def _errors(record: Mapping[str, Any]) -> list[str]:
     """Say by how much the simulation error falls on the held-out drives."""
     lines = []
-    for name, error in (found.get("error") or {}).items():
+    for name, error in (record.get("error") or {}).items():
         q = quantity(name)
         pair = [error.get(side) for side in ("before", "after")]
         if all(isinstance(v, (int, float)) for v in pair):
@@ -74,8 +74,8 @@ def called(name: str) -> str:
     return f"{words(effect)}, {words(place)}" if place else words(effect)
 
 
-def _likely(found: Mapping[str, Any]) -> list[Part]:
-    posterior = found.get("posterior")
+def _likely(record: Mapping[str, Any]) -> list[Part]:
+    posterior = record.get("posterior")
     if not posterior:
         return []
     rows = [(called(h["name"]), float(h["probability"])) for h in posterior["hypotheses"]][:SHOWN]
@@ -103,20 +103,20 @@ def _likely(found: Mapping[str, Any]) -> list[Part]:
 
 
 def _drives(
-    found: Mapping[str, Any], series: Series, given: Mapping[str, str], told: Callable[[int, int], None]
+    record: Mapping[str, Any], series: Series, given: Mapping[str, str], keep: Callable[[int, int], None]
 ) -> list[Part]:
     if not series:
         old = "This trace kept no drives over time (drives.npz): run harness trace again to see them."
         return [Part("Before and after", [said(old)])]
-    held = [str(n) for n in found.get("held_out") or ()]
+    held = [str(n) for n in record.get("held_out") or ()]
     chosen = index_of(given.get("drive"), len(series)) or 0, index_of(given.get("output"), 99) or 0
-    figure = DrivesFigure(series, held, chosen, told)
+    figure = DrivesFigure(series, held, chosen, keep)
     hint = "The model simulates over the recorded inputs alone. A click on a name in the legend hides its line."
     return [Part("Before and after", [figure.layout], hint)]
 
 
-def _where(found: Mapping[str, Any]) -> list[Part]:
-    plan, ranked = found.get("vehicle"), [{**r, "rank": k} for k, r in enumerate(found.get("pinpoint") or [], 1)]
+def _where(record: Mapping[str, Any]) -> list[Part]:
+    plan, ranked = record.get("vehicle"), [{**r, "rank": k} for k, r in enumerate(record.get("pinpoint") or [], 1)]
     placed = [r for r in ranked if r.get("ahead_of_first_cog") is not None and (r["log_likelihood_gain"] or 0) > 0]
     if not ranked:
         return []
@@ -160,7 +160,7 @@ def _levels(placed: Sequence[Mapping[str, Any]], wide: float) -> tuple[list[floa
         wide: Length of the vehicle, m.
     """
     taken: dict[str, list[list[float]]] = {}
-    found: list[tuple[str, int]] = []
+    rows: list[tuple[str, int]] = []
     for record in placed:
         kind, x = _row(record), float(record["ahead_of_first_cog"])
         levels = taken.setdefault(kind, [])
@@ -169,7 +169,7 @@ def _levels(placed: Sequence[Mapping[str, Any]], wide: float) -> tuple[list[floa
         if level == len(levels):
             levels.append([])
         levels[level].append(x)
-        found.append((kind, level))
+        rows.append((kind, level))
     reach, bottom = {}, 0.0
     for kind in _ROWS:
         count = max(len(taken.get(kind, ())), int(kind == _ON_VEHICLE))
@@ -177,7 +177,7 @@ def _levels(placed: Sequence[Mapping[str, Any]], wide: float) -> tuple[list[floa
             around = 0.5 if kind == _ON_VEHICLE else 0.0  # of the vehicle, with its wheels
             reach[kind] = bottom + around, bottom + around + count
             bottom += count + 2 * around
-    return [reach[kind][0] + level + 0.5 for kind, level in found], reach
+    return [reach[kind][0] + level + 0.5 for kind, level in rows], reach
 
 
 def _vehicle(plan: Mapping[str, Any], placed: Sequence[Mapping[str, Any]]) -> Any:
@@ -185,17 +185,17 @@ def _vehicle(plan: Mapping[str, Any], placed: Sequence[Mapping[str, Any]]) -> An
     ends = [b[k] for b in plan["bodies"].values() for k in ("back", "front")]
     heights, reach = _levels(placed, max(ends) - min(ends))
     top = max(high for _, high in reach.values()) + (0.5 if list(reach)[-1] == _ON_VEHICLE else 0.0)
-    found = looks.plot("It drives to the right", 100 + round(_LEVEL * top), tools="pan,wheel_zoom,reset",
+    plot = looks.plot("It drives to the right", 100 + round(_LEVEL * top), tools="pan,wheel_zoom,reset",
                        y_range=(-0.1, top + 0.1), name="place on the vehicle")  # fmt: skip
     low, high = reach[_ON_VEHICLE][0] - 0.15, reach[_ON_VEHICLE][1] + 0.15
     for body in plan["bodies"].values():
         dashes = "solid" if body["stated"] else "dashed"
-        found.quad(body["back"], body["front"], high, low, fill_color="#f2f2f2", line_color="#333333", line_dash=dashes)
+        plot.quad(body["back"], body["front"], high, low, fill_color="#f2f2f2", line_color="#333333", line_dash=dashes)
     for axle in plan["axles"].values():
         for side in (low, high):
-            found.rect(axle["x"], side, 0.8, 0.24, fill_color="#555555", line_color="#333333")
+            plot.rect(axle["x"], side, 0.8, 0.24, fill_color="#555555", line_color="#333333")
     if plan["coupling"] is not None:
-        found.scatter(plan["coupling"], (low + high) / 2, marker="x", size=12, color="#000000", line_width=2)
+        plot.scatter(plan["coupling"], (low + high) / 2, marker="x", size=12, color="#000000", line_width=2)
     most = max(r["log_likelihood_gain"] for r in placed)
     source = ColumnDataSource({
         "x": [float(r["ahead_of_first_cog"]) for r in placed], "y": heights,
@@ -204,26 +204,26 @@ def _vehicle(plan: Mapping[str, Any], placed: Sequence[Mapping[str, Any]]) -> An
         "after": [r["log_likelihood_gain_after"] or 0.0 for r in placed], "rank": [str(r["rank"]) for r in placed],
     })  # fmt: skip
     look = style.looks(["gain"])["gain"]
-    marks = found.scatter(
+    marks = plot.scatter(
         "x", "y", size="size", source=source, fill_color=looks.colour(look.tint), fill_alpha=0.85,
         line_color=looks.line(look),
     )  # fmt: skip
-    found.text("x", "y", "rank", source=source, text_align="center", text_baseline="middle", text_font_size="13px")
-    found.add_tools(looks.hover([marks], ("", "@name"), ("gain before", "@before{0.0 a}"), ("after", "@after{0.0 a}")))
+    plot.text("x", "y", "rank", source=source, text_align="center", text_baseline="middle", text_font_size="13px")
+    plot.add_tools(looks.hover([marks], ("", "@name"), ("gain before", "@before{0.0 a}"), ("after", "@after{0.0 a}")))
     middles = {(below + above) / 2: kind for kind, (below, above) in reach.items()}
-    found.yaxis.ticker = FixedTicker(ticks=sorted(middles))  # of others not all get their label
-    found.yaxis.major_label_overrides = middles
-    found.xaxis.axis_label = "ahead of the first body's CoG in m"
-    return found
+    plot.yaxis.ticker = FixedTicker(ticks=sorted(middles))  # of others not all get their label
+    plot.yaxis.major_label_overrides = middles
+    plot.xaxis.axis_label = "ahead of the first body's CoG in m"
+    return plot
 
 
-def _candidates(found: Mapping[str, Any]) -> list[Part]:
-    candidates = found.get("candidates") or []
+def _candidates(record: Mapping[str, Any]) -> list[Part]:
+    candidates = record.get("candidates") or []
     if not candidates:
         return []
     fitted = [c for c in candidates if c["fitted"] and c["held_out_excess_by_output"]]
     models: list[Any] = []
-    before = {i: r["held_out_excess_by_output"] for i, r in enumerate(found.get("rounds") or [], 1)}
+    before = {i: r["held_out_excess_by_output"] for i, r in enumerate(record.get("rounds") or [], 1)}
     if fitted:
         shown = fitted[:SHOWN]
         names = [f"round {c['round']}: {called(c['name'])}" for c in shown]
@@ -276,21 +276,21 @@ def bars(names: Sequence[str], groups: Sequence[tuple[str, Sequence[float]]], la
     """Return horizontal bars from zero, those of each group below each other, the first name on top."""
     count, chosen = len(groups), list(style.looks([g for g, _ in groups]).values())
     most = max((v for _, group in groups for v in group if math.isfinite(v)), default=0.0) or 1.0
-    found = _rows("", names, _ROW + 14 * (count - 1), label, x_range=(0.0, 1.1 * most))
+    plot = _rows("", names, _ROW + 14 * (count - 1), label, x_range=(0.0, 1.1 * most))
     items, thick = [], (1 - looks.NAME) / count
     for g, (name, group) in enumerate(groups):
         y = np.arange(len(names))[::-1] + 0.5 - looks.NAME - thick * (g + 0.5)
         right = [v if math.isfinite(v) else most for v in group]
         source = ColumnDataSource({"y": y, "right": right, "value": list(group), "name": list(names)})
         line, tint = looks.line(chosen[g]), looks.colour(chosen[g].tint)
-        drawn = found.hbar("y", right="right", left=0.0, height=0.8 * thick, source=source,
+        drawn = plot.hbar("y", right="right", left=0.0, height=0.8 * thick, source=source,
                            fill_color=tint, line_color=line, hatch_pattern=looks.hatch(chosen[g]), hatch_color=line,
                            hatch_alpha=0.6, hatch_scale=7)  # fmt: skip
-        found.add_tools(looks.hover([drawn], ("", "@name"), (name, "@value{0.000 a}")))
+        plot.add_tools(looks.hover([drawn], ("", "@name"), (name, "@value{0.000 a}")))
         items.append(LegendItem(label={"value": name}, renderers=[drawn]))
     if count > 1:
-        looks.legend_above(found, items)
-    return found
+        looks.legend_above(plot, items)
+    return plot
 
 
 def changes(
@@ -309,36 +309,36 @@ def changes(
     array = np.array(values, dtype=float).reshape(-1, 2)
     positive = array[np.isfinite(array) & (array > 0)]
     low, high = (positive.min() / 1.6, positive.max() * 1.6) if positive.size else (0.1, 1.0)
-    found = _rows(title, names, _ROW, label, x_axis_type="log", x_range=(low, high))
+    plot = _rows(title, names, _ROW, label, x_axis_type="log", x_range=(low, high))
     y = np.arange(len(names))[::-1] - 0.4 * looks.NAME
     ends = np.clip(np.where(np.isfinite(array), array, high), low * 1.02, high)
     source = ColumnDataSource(
         {"y": y, "name": list(names), "first": ends[:, 0], "second": ends[:, 1], "before": array[:, 0],
          "after": array[:, 1]}
     )  # fmt: skip
-    found.segment("first", "y", "second", "y", source=source, line_width=1.6, line_color="#777777")
+    plot.segment("first", "y", "second", "y", source=source, line_width=1.6, line_color="#777777")
     items = []
     for k, (side, look) in enumerate(style.looks(list(sides)).items()):
-        known = ColumnDataSource({k_: np.asarray(v)[np.isfinite(array[:, k])] for k_, v in source.data.items()})
-        drawn = found.scatter(("first", "second")[k], "y", source=known, size=9, marker=("circle", "square")[k],
+        finite = ColumnDataSource({k_: np.asarray(v)[np.isfinite(array[:, k])] for k_, v in source.data.items()})
+        drawn = plot.scatter(("first", "second")[k], "y", source=finite, size=9, marker=("circle", "square")[k],
                               fill_color=looks.line(look), line_color=looks.line(look))  # fmt: skip
-        found.add_tools(
+        plot.add_tools(
             looks.hover([drawn], ("", "@name"), (sides[0], "@before{0.000 a}"), (sides[1], "@after{0.000 a}"))
         )
         items.append(LegendItem(label={"value": side}, renderers=[drawn]))
     lost = ~np.isfinite(array[:, 1])
-    found.text([high] * int(lost.sum()), y[lost], [f"{sides[1]}: no finite value"] * int(lost.sum()),
+    plot.text([high] * int(lost.sum()), y[lost], [f"{sides[1]}: no finite value"] * int(lost.sum()),
                text_align="right", text_baseline="middle", text_font_size="12px", text_font=looks.FONT, x_offset=-6,
                background_fill_color="#ffffff", padding=2)  # fmt: skip
-    looks.legend_above(found, items)
-    return found
+    looks.legend_above(plot, items)
+    return plot
 
 
 def _rows(title: str, names: Sequence[str], row: int, label: str, **further: Any) -> Any:
     """Return a figure with a row for each name."""
-    found = looks.plot(
+    plot = looks.plot(
         title, 90 + row * len(names), tools="reset", y_range=(-0.55, len(names) - 0.45), frame_align=False, **further
     )
-    looks.names_inside(found, names, found.x_range.start)
-    found.xaxis.axis_label, found.xaxis.formatter = label, looks.plain_ticks()
-    return found
+    looks.names_inside(plot, names, plot.x_range.start)
+    plot.xaxis.axis_label, plot.xaxis.formatter = label, looks.plain_ticks()
+    return plot
