@@ -24,7 +24,7 @@ from bench.peers.jax_numbers import JAX
 from bench.peers.problem import Equations, equations_of
 from harness.common.arrays import Floats
 from harness.engine.compile import CompiledModel
-from harness.estimation.contract import Estimator
+from harness.estimation.contract import CompiledEstimator
 from harness.study.compiled_study import in_a_row
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
@@ -312,8 +312,8 @@ class Problem:
             in_a_row(self.batch.truth, 3)[:, [names.index(each) for each in self.compiled.signal_names]],
         )
 
-    def _estimator(self, kind: str) -> Estimator:
-        return cast(Estimator, self.evaluator.compiled.estimators[self.places[kind]])
+    def _estimator(self, kind: str) -> CompiledEstimator:
+        return cast(CompiledEstimator, self.evaluator.compiled.estimators[self.places[kind]])
 
     def belief(self, kind: str, runs: int) -> Told:
         """Return what an estimator is told of so many runs."""

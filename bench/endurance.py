@@ -34,7 +34,7 @@ from harness.engine.kernel_names import (
     splat,
     sqrt,
 )
-from harness.estimation.contract import Estimator, kernels_of, load_estimator
+from harness.estimation.contract import CompiledEstimator, kernels_of, load_estimator
 from harness.runner.contract import InputSeries
 from harness.runner.filter_loop import step, workspace, write_covariance
 from harness.runner.limits import outside
@@ -132,7 +132,7 @@ def endurance(kinds: tuple[str, ...] = KINDS, hours: float = 24.0, part: float =
     for i, kind in enumerate(kinds):
         source = paste(compiled.belief, f"endure_{kind}", [endure], kernels_of(load_estimator(kind)))
         loops[kind] = load_source(f"endure_{kind}", source).endure
-        estimator = cast(Estimator, compiled.estimators[i])
+        estimator = cast(CompiledEstimator, compiled.estimators[i])
         beliefs[kind], states[kind] = estimator.begin(evaluator.believed_by(i, unit, cases, believed))
     extremes = {kind: np.array([0.0, 1.0, 0.0, 0.0])[:, None] * np.ones(LANES) for kind in kinds}
     spent = dict.fromkeys(kinds, 0.0)

@@ -16,7 +16,7 @@ from harness.common.arguments import Parser
 from harness.common.arrays import Floats
 from harness.engine.compile import CompiledModel, compile_model
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import Estimator
+from harness.estimation.contract import CompiledEstimator
 from harness.estimation.particle_smoother import mean_of, reweight, run_filter, simulate_backward
 from harness.models.assembly.assemble import assemble
 from harness.models.contracts import DriveContext
@@ -65,7 +65,7 @@ def rmse_of_runs(repeats: int, seed: int, sizes: Sequence[int] = SIZES) -> dict[
     def rmse(estimates: list[Floats]) -> Floats:
         return np.array([np.sqrt(np.mean((e - truth[1:, :, i]) ** 2, axis=0)) for i, e in enumerate(estimates)])
 
-    kalman = Estimator("ekf", compiled)
+    kalman = CompiledEstimator("ekf", compiled)
     state, means = kalman.init(start, variance), []
     for k in range(1, SAMPLES):
         belief = kalman.belief(constants, variance, r)
@@ -73,7 +73,9 @@ def rmse_of_runs(repeats: int, seed: int, sizes: Sequence[int] = SIZES) -> dict[
         means.append(state.mean)
     errors = {("extended Kalman filter", 0): rmse([np.array(means)[:, :, i] for i in range(repeats)])}
     for size in sizes:
-        estimator = Estimator("particle", compiled, {"particles": size, "resampling": "stratified", "threshold": 1.0})
+        estimator = CompiledEstimator(
+            "particle", compiled, {"particles": size, "resampling": "stratified", "threshold": 1.0}
+        )
         seeds = [np.random.SeedSequence(seed, spawn_key=(lane, size)) for lane in range(LANES)]
         first = estimator.init(start, variance, seeds)
         belief = estimator.belief(constants, variance, r)

@@ -18,7 +18,7 @@ from bench.floor.throughput import EXACT_NORMAL, throughput
 from harness.common.arguments import Parser
 from harness.engine import standard_normal
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import Estimator
+from harness.estimation.contract import CompiledEstimator
 from harness.simulation.simulate import CompiledSimulator
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
@@ -49,7 +49,7 @@ def operations() -> dict[str, dict[str, float]]:
     standard_normal._compiled = lambda: SimpleNamespace(fill=_counted_draw)  # type: ignore[assignment]
     counted_operations["simulation with noise"] = _per_step(lambda n: evaluator.simulate(unit, cases, n), short, long)
     standard_normal._compiled = draw
-    for i, estimator in enumerate(cast(list[Estimator], evaluator.compiled.estimators)):
+    for i, estimator in enumerate(cast(list[CompiledEstimator], evaluator.compiled.estimators)):
         if estimator.kind not in counted_operations:
             estimator._kernels = SimpleNamespace(estimate=counted(estimator.loop))
             counted_operations[estimator.kind] = _per_step(

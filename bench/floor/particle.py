@@ -13,7 +13,7 @@ from bench.timing import quickest
 from harness.engine.compile import load_source, paste
 from harness.engine.kernel_names import get, next_state, output, put, splat
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import Estimator
+from harness.estimation.contract import CompiledEstimator
 from harness.estimation.methods._drawing import normals
 from harness.estimation.methods._weighing import sum_up, weigh
 from harness.estimation.methods.particle import take
@@ -64,7 +64,7 @@ def parts(rounds: int = 20) -> tuple[dict[str, float], dict[str, dict[str, float
     evaluator = StudyEvaluator(mass_study("particle"))
     compiled, unit, cases = evaluator.compiled.belief, Unit(0, 4, 3, 0, 1), [Case(0, r) for r in range(LANES)]
     believed = evaluator.believed_by(0, unit, cases, evaluator.held(unit, cases, "belief"))
-    belief, first = cast(Estimator, evaluator.compiled.estimators[0]).begin(believed)
+    belief, first = cast(CompiledEstimator, evaluator.compiled.estimators[0]).begin(believed)
     kernels = load_source("parts", paste(compiled, "parts", [propagate, draw, likelihood, summed, redrawn]))
     inputs = evaluator.compiled.known(unit.drive, evaluator.simulate(unit, cases, 3))[2]
     rng, nx, ny = np.random.default_rng(0), compiled.nx, compiled.ny

@@ -30,7 +30,7 @@ from bench.timing import quickest
 from harness.common.process import peak_memory_mib
 from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import Estimator
+from harness.estimation.contract import CompiledEstimator
 from harness.models.assembly.assemble import Model, assemble
 from harness.models.contracts import Parameter
 from harness.models.signals import Signal
@@ -145,7 +145,9 @@ def _work(
     simulator, signals = CompiledSimulator(compiled.model, STEP), compiled.signal_names
     batch = simulator.run(InputSeries(inputs), held, noise, Signals(signals))
     record = Scoring(batch.truth, signals, np.full(LANES, 1.0 * samples))
-    return partial(Estimator(kind, compiled, settings).run, InputSeries(inputs), batch.measurements, held, record)
+    return partial(
+        CompiledEstimator(kind, compiled, settings).run, InputSeries(inputs), batch.measurements, held, record
+    )
 
 
 CURVES: dict[str, tuple[str, Callable[[int], Point], tuple[int, ...]]] = {

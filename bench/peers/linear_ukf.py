@@ -8,7 +8,7 @@ import numpy as np
 
 from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import Estimator
+from harness.estimation.contract import CompiledEstimator
 from harness.models.assembly.assemble import Builder, assemble
 from harness.models.signals import Signal
 from harness.runner.contract import Held, InputSeries
@@ -41,7 +41,7 @@ def filtering(samples: int) -> Callable[[], object]:
     )  # fmt: skip
     model = assemble(vehicle, sensors=module("places", OUTPUTS={o: o for o in STATES[::2]}))
     compiled = compile_model(model, STEP)
-    estimator = Estimator("ukf", compiled)
+    estimator = CompiledEstimator("ukf", compiled)
     rng = np.random.default_rng(0)
     inputs, measured = rng.normal(size=(samples, 1, LANES)), rng.normal(size=(samples, 2, LANES))
     noise = in_lanes(np.full(4, 1e-3)), in_lanes(np.ones(2))

@@ -9,7 +9,7 @@ import numpy as np
 
 from bench.peers.problem import UNIT, Problem
 from harness.common.arrays import Floats
-from harness.estimation.contract import Estimator
+from harness.estimation.contract import CompiledEstimator
 from harness.simulation.simulate import in_lanes
 
 
@@ -36,7 +36,7 @@ def means(given: Problem) -> Floats:
     """Return the means of the first run ``(steps, nx)``."""
     group = given.groups()[0]
     evaluator = given.evaluator
-    estimator = cast(Estimator, evaluator.compiled.estimators[0])
+    estimator = cast(CompiledEstimator, evaluator.compiled.estimators[0])
     belief, state = estimator.begin(evaluator.believed_by(0, UNIT, group, evaluator.held(UNIT, group, "belief")))
     kept = np.empty((given.steps, len(given.mean)))
     for k in range(1, len(given.inputs)):

@@ -19,7 +19,7 @@ from bench.engine import mass_study
 from harness.common.arrays import Floats
 from harness.engine.compile import CompiledModel
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import Estimator
+from harness.estimation.contract import CompiledEstimator
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
 from harness.study.run_noise import Case
@@ -101,7 +101,7 @@ def problem(kind: str, samples: int, batch: int, settings: Mapping[str, Any] | N
     group = list(cases[:LANES])
     believed = evaluator.held(UNIT, group, "belief")
     inputs = evaluator.inputs(0, UNIT.drive, simulated, believed).at
-    estimator = cast(Estimator, evaluator.compiled.estimators[0])
+    estimator = cast(CompiledEstimator, evaluator.compiled.estimators[0])
     belief, first = estimator.begin(evaluator.believed_by(0, UNIT, group, believed))
     nx = evaluator.compiled.belief.nx
     return Problem(

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from harness.diagnosis.result.answer import Value
     from harness.diagnosis.result.outcome import Outcome
 
-ESTIMATORS = ("ekf", "ukf", "cdkf")
-
 
 @dataclass(frozen=True)
 class TraceNumbers:
@@ -51,7 +49,8 @@ class Diagnosis(Shown):
 
     Args:
         free: Parameters of the nominal model that are fitted in any case; cornering stiffnesses by default.
-        estimators: Kinds of estimators run on the held-out recordings with the nominal and the amended model.
+        estimators: Kinds of estimators run on the held-out recordings with the nominal and the amended model; by
+            default those that say so in their files (``IN_TRACE``): EKF, UKF and CDKF.
         study: Study file of the same vehicle that measures what the amendment gains.
         repeats: Noise realisations of each level of that study.
         jobs: Threads; all cores by default.
@@ -72,17 +71,21 @@ class Diagnosis(Shown):
     def __init__(
         self,
         free: Sequence[str] = (),
-        estimators: Sequence[str] = ESTIMATORS,
+        estimators: Sequence[str] | None = None,
         study: str | Path | None = None,
         repeats: int = 8,
         jobs: int | None = None,
     ) -> None:
-        from harness.config.roles import ESTIMATORS as ROLE
+        from harness.config.roles import ESTIMATORS
 
+        if estimators is None:
+            from harness.estimation.contract import traced
+
+            estimators = traced()
         self.free = (free,) if isinstance(free, str) else tuple(free)
         self.estimators = (estimators,) if isinstance(estimators, str) else tuple(estimators)
         for kind in self.estimators:
-            ROLE.load(kind, ())
+            ESTIMATORS.load(kind, ())
         self.study = None if study is None else Path(study)
         self.repeats, self.jobs = repeats, jobs
         self._outcome: Outcome | TraceNumbers | None = None

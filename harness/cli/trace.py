@@ -52,14 +52,14 @@ def trace(task: TraceOptions) -> None:
     are the cornering stiffnesses if none are named. Writes trace.json, the nominal and the amended model as parameter
     files, and a report; of a file also loop.json, each held-out drive with the published, refitted and amended model.
     """
-    from harness.api.diagnosis import ESTIMATORS, Diagnosis
+    from harness.api.diagnosis import Diagnosis
     from harness.api.recordings import read_recording
 
     if (of_file := task.of_file("trace")) is not None:
         return _trace_file(*of_file, task.jobs)
     assert task.out is not None
     study = None if task.study is None else study_path(task.study)
-    estimators = ESTIMATORS if task.estimators is None else listed(task.estimators)
+    estimators = None if task.estimators is None else listed(task.estimators)
     diagnosis = Diagnosis(listed(task.free or []), estimators, study, task.repeats, task.jobs)
     train, test = ([read_recording(path, task.channels) for path in paths] for paths in (task.train, task.test))
     diagnosis.fit(model_of(task.model), train, test, task.out)

@@ -25,7 +25,7 @@ from harness.cuda.lanes import upper_half as upper_half_on_card
 from harness.engine.kernel_names import Belief, State
 from harness.engine.simd.lanes import LANES
 from harness.engine.standard_normal import upper_half
-from harness.estimation.contract import Estimator, kernels_of, load_estimator
+from harness.estimation.contract import CompiledEstimator, kernels_of, load_estimator
 from harness.runner import records
 from harness.runner.contract import Held
 from harness.runner.scores import SCORES
@@ -361,9 +361,9 @@ class CardEvaluator:
         mean, covariance = in_rows([state.mean for state in first]), in_rows([state.covariance for state in first], 3)
         return Begun(belief, State(mean, covariance, memory))
 
-    def _estimator(self, e: int) -> Estimator:
+    def _estimator(self, e: int) -> CompiledEstimator:
         estimator = self._evaluator.compiled.estimators[e]
-        assert isinstance(estimator, Estimator)
+        assert isinstance(estimator, CompiledEstimator)
         return estimator
 
     def _compared(self, e: int) -> records.Compared:

@@ -36,7 +36,8 @@ Three flags tell the contract suite what to expect: ``KALMAN_TYPE`` (equals the 
 seed).
 ``DEVICES`` names the devices (``harness.study.devices``) on which its scores were compared with the processor's and
 differ by rounding (docs/gpu.md). ``REMEDY`` says what a filter does that needs no idea of what is wrong and may stand
-in place of one of the Kalman type (``harness remedy``).
+in place of one of the Kalman type (``harness remedy``). ``IN_TRACE`` is the place of an estimator among those that a
+trace tries unless others are asked for; 0, it is not tried (``harness trace``).
 
 A kernel may call any function that its file defines or imports by name, such as those that several estimators share;
 they are compiled with it from their source, behind the kernels of the model the estimator believes in
@@ -85,6 +86,7 @@ DEFAULTS: dict[str, Any] = {
     "MONTE_CARLO": False,
     "DEVICES": (),
     "REMEDY": "",
+    "IN_TRACE": 0,
     "tuning": lambda settings, nx, ny: [0.0],
     "memory_size": lambda settings, compiled: 0,
     "files": lambda settings, folder: (),
@@ -102,7 +104,13 @@ def load_estimator(kind: str) -> SimpleNamespace:
     return SimpleNamespace(**{**DEFAULTS, **vars(ESTIMATORS.load(kind))})
 
 
-class Estimator:
+def traced() -> tuple[str, ...]:
+    """Return the estimators that a trace tries unless others are asked for (``IN_TRACE``)."""
+    places = {kind: load_estimator(kind).IN_TRACE for kind in ESTIMATORS.names()}
+    return tuple(sorted((kind for kind, place in places.items() if place), key=lambda kind: places[kind]))
+
+
+class CompiledEstimator:
     """An estimator compiled for the model it believes in.
 
     Args:

@@ -23,7 +23,7 @@ from harness.engine.compile import CompiledModel
 from harness.engine.kernel_names import Belief, State
 from harness.engine.simd.functions import exp, maximum
 from harness.engine.simd.lanes import LANES, get, put, splat
-from harness.estimation.contract import Estimator
+from harness.estimation.contract import CompiledEstimator
 
 _jit = njit(error_model="numpy", nogil=True)
 
@@ -56,7 +56,7 @@ def mean_of(particles: Floats, weights: Floats) -> Floats:
 
 
 def run_filter(
-    estimator: Estimator, inputs: Floats, measurements: Floats, belief: Belief, first: State, lanes: int = 1
+    estimator: CompiledEstimator, inputs: Floats, measurements: Floats, belief: Belief, first: State, lanes: int = 1
 ) -> list[Clouds]:
     """Run a particle filter and keep its particles.
 

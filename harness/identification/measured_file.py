@@ -53,6 +53,7 @@ from harness.common.units import to_si
 from harness.config import ModelSpec, resolve_single
 from harness.config.problems import Problems, validated
 from harness.config.schema import ModelTable, Name, Quantity, StrictTable
+from harness.estimation.contract import traced
 from harness.identification.data import steered
 from harness.models.roles import EFFECTS
 from harness.recordings.read.load import load_recording
@@ -160,7 +161,7 @@ class MeasuredFile(StrictTable):
     settings: dict[str, Any] = Field(default_factory=dict, description="settings of the method")
     rounds: Annotated[StrictInt, Field(ge=1, le=20)] = Field(default=8, description="largest number of additions")
     estimators: list[Name] = Field(
-        default=["ekf", "ukf", "cdkf"], description="estimators to run on the held-out drives with both models"
+        default_factory=lambda: list(traced()), description="estimators to run on the held-out drives with both models"
     )
     stated_noise: StrictBool = Field(default=False, description="hold the noise that the model states")
     exclude: list[ExcludeTable] = Field(default_factory=list, description="effects that are not to be tried")

@@ -21,7 +21,7 @@ from harness.config import DesignSpec, Study
 from harness.engine.compile import CompiledModel, load_source, paste
 from harness.engine.kernel_names import Belief, Info, State
 from harness.engine.lane_kinds import in_one_lane
-from harness.estimation.contract import Estimator, kernels_of, load_estimator
+from harness.estimation.contract import CompiledEstimator, kernels_of, load_estimator
 from harness.realtime import timed_loop
 from harness.realtime.outcome import PACES
 from harness.study.design import Unit
@@ -129,7 +129,7 @@ def contestants(study: Study, drive: str, duration: float) -> dict[str, Contesta
     belief, measurements = evaluator.compiled.belief, evaluator.compiled.measured(batch.measurements)
     field = {}
     for i, (spec, estimator) in enumerate(zip(study.estimators, evaluator.compiled.estimators, strict=True)):
-        assert isinstance(estimator, Estimator)
+        assert isinstance(estimator, CompiledEstimator)
         inputs = evaluator.inputs(i, 0, batch, believed).at
         begin = estimator.begin(evaluator.believed_by(i, unit, case, believed))
         field[spec.name] = Contestant(spec.kind, belief, *begin, inputs, measurements)

@@ -23,7 +23,7 @@ from harness.common.registry import closest
 from harness.config import InputSignal, ModelSpec
 from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import Estimator
+from harness.estimation.contract import CompiledEstimator
 from harness.identification.data import DriveData
 from harness.identification.innovations import Innovations
 from harness.identification.signal_noise import white_variance
@@ -189,7 +189,7 @@ class RecordedEstimator:
     ) -> None:
         self.input_signal = input_signal
         self.model, self.kind, self.settings, self.name = model, kind, dict(settings or {}), name or kind
-        self._estimator = Estimator(kind, model.compiled, self.settings, folder)
+        self._estimator = CompiledEstimator(kind, model.compiled, self.settings, folder)
 
     def run(self, recording: xr.Dataset, seed: int = 0, drive: DriveData | None = None) -> xr.Dataset:
         """Run over a recording.

@@ -15,7 +15,7 @@ from harness.config import NOISE_SCALES, DesignSpec, ModelSpec, Study
 from harness.config.bounds import loading, settled
 from harness.engine.compile import CompiledModel, compile_model
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import Estimator
+from harness.estimation.contract import CompiledEstimator
 from harness.models.assembly.assemble import Model
 from harness.models.assembly.parameter_states import true_states
 from harness.models.contracts import DRIVE_INPUTS, Profile
@@ -184,7 +184,7 @@ class CompiledStudy:
         self.measured_rows = [list(plant_model.outputs).index(name) for name in belief_model.outputs]
         uncertain = bool(study.belief.input_noise)
         self.estimators: list[Filter] = [
-            Estimator(e.kind, self.belief, e.settings, e.base, uncertain) for e in study.estimators
+            CompiledEstimator(e.kind, self.belief, e.settings, e.base, uncertain) for e in study.estimators
         ]
 
     def _drive(self, study: Study, index: int) -> DriveInputs:

@@ -13,7 +13,7 @@ from harness.common.arrays import Floats
 from harness.config import Study
 from harness.engine.simd.lanes import LANES
 from harness.engine.standard_normal import standard_normal
-from harness.estimation.contract import Estimator
+from harness.estimation.contract import CompiledEstimator
 from harness.runner.contract import Batch, Held, InputSeries, Signals
 from harness.runner.records import Scores, Scoring, Sums
 from harness.simulation.simulate import CompiledSimulator
@@ -95,7 +95,7 @@ class StudyEvaluator:
         compiled = self.compiled
         simulator = compiled.simulator
         loop = simulator.loop(compiled.recorded) if isinstance(simulator, CompiledSimulator) else simulator.run
-        return [loop, *(e.loop if isinstance(e, Estimator) else e.run for e in compiled.estimators)]
+        return [loop, *(e.loop if isinstance(e, CompiledEstimator) else e.run for e in compiled.estimators)]
 
     def time_of_batch(self, unit: Unit) -> float:
         """Return how long the first batch of a unit takes, simulation and all estimators, in s."""

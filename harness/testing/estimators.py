@@ -14,7 +14,7 @@ from harness.config.roles import ESTIMATORS
 from harness.engine.compile import CompiledModel, compile_model
 from harness.engine.kernel_names import Info
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import Estimator, load_estimator
+from harness.estimation.contract import CompiledEstimator, load_estimator
 from harness.runner.contract import Held, InputSeries
 from harness.runner.records import Scoring
 from harness.simulation.simulate import in_lanes, variances
@@ -65,7 +65,7 @@ def check_estimator(estimator: str | ModuleType, settings: Mapping[str, Any] = S
 class Ground(NamedTuple):
     """An estimator on a model that it fits, with what it believes and data to run on."""
 
-    estimator: Estimator
+    estimator: CompiledEstimator
     compiled: CompiledModel
     parameters: np.ndarray
     q: np.ndarray
@@ -79,7 +79,7 @@ def _ground(name: str, settings: Mapping[str, Any], samples: int = 200) -> Groun
     """Return the small linear model, or the semitrailer for an estimator made for its signals."""
     small = compiled_linear()
     try:
-        estimator = Estimator(name, small, dict(settings))
+        estimator = CompiledEstimator(name, small, dict(settings))
         u, y, *_ = drive_linear(samples)
         return Ground(estimator, small, np.array([1.5]), Q, R, P0, u, y)
     except UserError:
@@ -95,7 +95,7 @@ def _ground(name: str, settings: Mapping[str, Any], samples: int = 200) -> Groun
     rng = np.random.default_rng(3)
     base = np.array([10.0 if i == "speed" else 0.0 for i in truck.model.inputs])
     u, y = base + 0.1 * rng.normal(size=(samples, truck.nu)), 0.05 * rng.normal(size=(samples, truck.ny))
-    estimator = Estimator(name, truck, dict(settings))
+    estimator = CompiledEstimator(name, truck, dict(settings))
     return Ground(estimator, truck, truck.parameter_vector(spec.values), q, r, q, u, y)
 
 
@@ -117,7 +117,7 @@ def _check_textbook(name: str, settings: Mapping[str, Any], missing: bool) -> No
     if missing:
         y[5, 0] = y[9] = y[20:30, 1] = np.nan
     compiled = compiled_linear()
-    g = Ground(Estimator(name, compiled, dict(settings)), compiled, np.array([1.5]), Q, R, P0, u, y)
+    g = Ground(CompiledEstimator(name, compiled, dict(settings)), compiled, np.array([1.5]), Q, R, P0, u, y)
     means, covariances, infos = step_through(g)
     computed = means, covariances, np.array([i.log_likelihood[0, 0] for i in infos])
     for what, got, right in zip(("mean", "covariance", "likelihood"), computed, textbook(u, y, A, B, C), strict=True):
@@ -156,7 +156,7 @@ def _check_only_predicts(name: str, settings: Mapping[str, Any]) -> None:
     u, y, A, B, _ = drive_linear(12)
     y[:] = np.nan
     compiled = compiled_linear()
-    g = Ground(Estimator(name, compiled, dict(settings)), compiled, np.array([1.5]), Q, R, P0, u, y)
+    g = Ground(CompiledEstimator(name, compiled, dict(settings)), compiled, np.array([1.5]), Q, R, P0, u, y)
     means, covariances, infos = step_through(g)
     x = np.zeros(3)
     for k in range(1, len(y)):
@@ -217,7 +217,7 @@ def _check_follows(name: str, settings: Mapping[str, Any]) -> None:
         y[k] = np.exp(0.3 * x[0]) + x[0] * x[1] + rng.normal() * r[0] ** 0.5
         x = x + STEP * np.array([x[1], -2.0 * np.sin(x[0]) - 0.2 * x[1] * abs(x[1]) + u[k, 0]])
         x = x + rng.normal(size=2) * np.sqrt(q)
-    estimator = Estimator(name, compiled, dict(settings))
+    estimator = CompiledEstimator(name, compiled, dict(settings))
     g = Ground(estimator, compiled, np.array([2.0]), q, r, np.array([0.1, 0.1]), u, y)
     means, covariances, _ = step_through(g)
     error = truth - means

@@ -12,7 +12,7 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.engine.compile import compile_model
-from harness.estimation.contract import Estimator
+from harness.estimation.contract import CompiledEstimator
 from harness.models.assembly.assemble import Model, assemble
 from harness.models.parameters import kit_2015a
 from harness.models.vehicles import scalar_example
@@ -48,7 +48,7 @@ def filtered(
         innovation moves the mean by.
     """
     compiled = compile_model(model, kit_2015a.NOISE_STEP)
-    estimator = Estimator("kf", compiled)
+    estimator = CompiledEstimator("kf", compiled)
     constants = compiled.constants(in_lanes(np.array([] if transition is None else [transition])))
     belief = estimator.belief(constants, in_lanes(np.array([noise[0]])), in_lanes(np.array([noise[1]])))
     state = estimator.init(np.array([start[0]]), np.array([start[1]]))

@@ -10,7 +10,7 @@ from harness.common.arrays import Floats
 from harness.common.statistics import Interval, median_interval
 from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import Estimator
+from harness.estimation.contract import CompiledEstimator
 from harness.models.assembly.assemble import assemble
 from harness.models.parameters import kit_2015a
 from harness.simulation.simulate import in_lanes
@@ -39,7 +39,7 @@ def distances(particles: int, scheme: str = "multinomial", samples: int = 60) ->
     u, y = rng.normal(size=samples), rng.normal(size=samples)
     means, _, variances = filtered(model, (Q, R), (0.0, 10.0), u, y, kit_2015a.VALUES["transition"])
     compiled = compile_model(model, kit_2015a.NOISE_STEP)
-    cloud = Estimator("particle", compiled, {"particles": particles, "resampling": scheme, "threshold": 1.0})
+    cloud = CompiledEstimator("particle", compiled, {"particles": particles, "resampling": scheme, "threshold": 1.0})
     constants = compiled.constants(in_lanes(np.array([kit_2015a.VALUES["transition"]])))
     belief = cloud.belief(constants, in_lanes(np.array([Q])), in_lanes(np.array([R])))
     seeds = [np.random.SeedSequence(3, spawn_key=(lane,)) for lane in range(LANES)]

@@ -11,7 +11,7 @@ from numba import njit, types
 
 from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES, get, put
-from harness.estimation.contract import Estimator
+from harness.estimation.contract import CompiledEstimator
 from harness.models.assembly.assemble import assemble
 from harness.runner.contract import Held, InputSeries
 from harness.runner.records import Scoring
@@ -96,7 +96,7 @@ def users_counted(dispatcher):
 def test_a_loop_over_time_counts_no_users_of_arrays_at_each_sample():
     """Counting is atomic: of the EKF of the mass study it took a quarter of the time."""
     compiled = compiled_linear()
-    estimator, samples = Estimator("ekf", compiled), 20
+    estimator, samples = CompiledEstimator("ekf", compiled), 20
     y, truth = np.ones((samples, compiled.ny, LANES)), np.ones((samples, 1, LANES))
     held = Held(np.full((1, LANES), 1.5), *(np.ones((n, LANES)) for n in (3, 2)), np.zeros((3, LANES)), P0)
     record = Scoring(truth, compiled.signal_names, np.full(LANES, 1.0 * samples))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from harness.estimation.contract import Estimator
+from harness.estimation.contract import CompiledEstimator
 from harness.simulation.simulate import in_lanes
 from harness.testing.linear_filter import P0, Q, R, compiled_linear, drive_linear
 
@@ -14,7 +14,7 @@ def model():
 
 
 def run(kind, model, settings, u, y, q=Q, r=R):
-    estimator = Estimator(kind, model, settings)
+    estimator = CompiledEstimator(kind, model, settings)
     belief = estimator.belief(model.constants(in_lanes(np.array([1.5]))), in_lanes(q), in_lanes(r))
     state = estimator.init(np.zeros(3), P0)
     means, covariances, infos = [], [], []

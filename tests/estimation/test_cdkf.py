@@ -7,7 +7,7 @@ import sympy as sp
 from harness.common.errors import UserError
 from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import Estimator
+from harness.estimation.contract import CompiledEstimator
 from harness.estimation.methods import cdkf, st_cdkf
 from harness.simulation.simulate import in_lanes
 from harness.testing.small_vehicles import curved, linear
@@ -209,7 +209,7 @@ def two_runs(model, parameters, nx, ny, first, second):
     u, y = rng.normal(size=(40, 1, LANES)), 1 + rng.normal(size=(40, ny, LANES))
     y[5:9, :, 2] = np.nan
     for kind, settings in (first, second):
-        estimator = Estimator(kind, compiled, settings)
+        estimator = CompiledEstimator(kind, compiled, settings)
         constants = compiled.constants(in_lanes(np.array(parameters)))
         belief = estimator.belief(constants, in_lanes(np.full(nx, 1e-3)), in_lanes(np.full(ny, 0.05)))
         state, found = estimator.init(np.full(nx, 0.1), np.full(nx, 0.5)), []
@@ -245,7 +245,7 @@ def test_without_fading_it_equals_the_textbook_filter():
 def test_a_lane_that_fades_leaves_its_neighbours_alone():
     """With a nonlinear output the points are redrawn for all lanes as soon as one fades."""
     compiled = compile_model(curved(), 0.05)
-    estimator = Estimator("st_cdkf", compiled)
+    estimator = CompiledEstimator("st_cdkf", compiled)
     constants = compiled.constants(in_lanes(np.array([1.5])))
     belief = estimator.belief(constants, in_lanes(np.full(2, 1e-3)), in_lanes(np.array([0.05])))
     state, u, y = estimator.init(np.full(2, 0.1), np.full(2, 0.5)), np.zeros((1, LANES)), np.full((1, LANES), 1.1)
@@ -271,7 +271,7 @@ def test_a_jump_of_a_parameter_is_followed_faster_with_fading():
     compiled = compile_model(model)
     found = {}
     for kind, settings in (("cdkf", {}), ("st_cdkf", {}), ("st_cdkf", {"softening": 5.0})):
-        estimator = Estimator(kind, compiled, settings)
+        estimator = CompiledEstimator(kind, compiled, settings)
         belief = estimator.belief(compiled.constants(np.empty((0, LANES))), in_lanes(q), in_lanes(r))
         state, estimates = estimator.init(np.array([5.0, 1.0]), np.array([0.1, 0.01])), np.empty((samples, LANES))
         for k in range(1, samples):
@@ -302,4 +302,4 @@ def test_a_jump_of_a_parameter_is_followed_faster_with_fading():
 )
 def test_wrong_settings_are_refused(kind, wrong, says):
     with pytest.raises(UserError, match=f"settings of estimator '{kind}'(.|\n)*{says}"):
-        Estimator(kind, compile_model(LINEAR, 0.05), wrong)
+        CompiledEstimator(kind, compile_model(LINEAR, 0.05), wrong)

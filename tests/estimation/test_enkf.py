@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from harness.common.errors import UserError
-from harness.estimation.contract import Estimator
+from harness.estimation.contract import CompiledEstimator
 from harness.testing.estimators import Ground, step_through
 from harness.testing.linear_filter import P0, Q, R, compiled_linear, drive_linear, textbook
 
@@ -12,7 +12,7 @@ from harness.testing.linear_filter import P0, Q, R, compiled_linear, drive_linea
 def stepped(members, u, y, **settings):
     """Return means, covariances and infos of lane 0 on the small linear model."""
     compiled = compiled_linear()
-    estimator = Estimator("enkf", compiled, {"members": members, **settings})
+    estimator = CompiledEstimator("enkf", compiled, {"members": members, **settings})
     return step_through(Ground(estimator, compiled, np.array([1.5]), Q, R, P0, u, y))
 
 
@@ -54,4 +54,4 @@ def test_inflation_widens_what_is_stated():
 )
 def test_wrong_settings_are_refused(wrong, says):
     with pytest.raises(UserError, match=f"settings of estimator 'enkf'(.|\n)*{says}"):
-        Estimator("enkf", compiled_linear(), wrong)
+        CompiledEstimator("enkf", compiled_linear(), wrong)

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from harness.common.errors import UserError
-from harness.estimation.contract import Estimator
+from harness.estimation.contract import CompiledEstimator
 from support.oscillator import P0, STEP, VALUES, Q, R, compiled, drive, mass, push, run
 
 F = np.eye(3) + STEP * np.array([[0, 1, 0], [-4, -1.5, 1], [0, 0, 0]])
@@ -143,9 +143,9 @@ def test_it_follows_a_load_that_is_dropped():
 )
 def test_wrong_hypotheses_are_refused(settings, says):
     with pytest.raises(UserError, match=says):
-        Estimator("imm", compiled(mass()), settings)
+        CompiledEstimator("imm", compiled(mass()), settings)
 
 
 def test_considered_parameters_are_no_hypotheses():
     with pytest.raises(UserError, match="cannot consider"):
-        Estimator("imm", compiled(mass(considered=True)), {"hypotheses": {"mass": [1.0]}})
+        CompiledEstimator("imm", compiled(mass(considered=True)), {"hypotheses": {"mass": [1.0]}})

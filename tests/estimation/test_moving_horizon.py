@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from harness.engine.compile import compile_model
-from harness.estimation.contract import Estimator
+from harness.estimation.contract import CompiledEstimator
 from harness.testing.estimators import Ground, step_through
 from harness.testing.linear_filter import P0, STEP, Q, R, compiled_linear, drive_linear, textbook
 from harness.testing.small_vehicles import curved
@@ -17,7 +17,7 @@ def test_on_a_linear_model_it_is_the_kalman_filter_whatever_the_window(settings)
     u, y, A, B, C = drive_linear()
     y[5, 0] = y[9] = y[20:30, 1] = np.nan
     model = compiled_linear()
-    ground = Ground(Estimator("moving_horizon", model, settings), model, np.array([1.5]), Q, R, P0, u, y)
+    ground = Ground(CompiledEstimator("moving_horizon", model, settings), model, np.array([1.5]), Q, R, P0, u, y)
     means, covariances, infos = step_through(ground)
     right, P, likelihoods = textbook(u, y, A, B, C)
     np.testing.assert_allclose(means, right, atol=1e-10)
@@ -59,7 +59,7 @@ def test_it_finds_the_least_squares_of_a_nonlinear_window(window, samples):
     right = likeliest(u, y, q, r, first, spread)
 
     def last(kind, settings):
-        estimator = Estimator(kind, model, settings)
+        estimator = CompiledEstimator(kind, model, settings)
         belief = estimator.belief(model.constants(np.full((1, 8), 2.0)), np.tile(q[:, None], 8), np.tile(r[:, None], 8))
         state = estimator.init(first, spread)
         for k in range(1, samples + 1):

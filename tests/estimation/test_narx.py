@@ -12,7 +12,7 @@ from harness.config import load_drives
 from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
 from harness.estimation import narx_network as net
-from harness.estimation.contract import Estimator
+from harness.estimation.contract import CompiledEstimator
 from harness.estimation.methods import narx
 from harness.estimation.methods.narx import MEMORY, WIDTH, placed
 from harness.runner.contract import Held, InputSeries
@@ -380,7 +380,7 @@ def test_a_network_of_other_signals_or_step_is_refused(changes, message, tmp_pat
     path = net.save(small_network(**changes), tmp_path / "n.npz")
     _, compiled = semitrailer_belief()
     with pytest.raises(UserError, match=message):
-        Estimator("narx", compiled, {"network": path.name}, tmp_path)
+        CompiledEstimator("narx", compiled, {"network": path.name}, tmp_path)
 
 
 @pytest.mark.parametrize("hidden", [(5,), (4, 3)])
@@ -388,7 +388,7 @@ def test_estimator_equals_the_plain_network(hidden, tmp_path):
     network, rng = small_network(3, hidden), np.random.default_rng(9)
     net.save(network, tmp_path / "n.npz")
     spec, compiled = semitrailer_belief()
-    estimator = Estimator("narx", compiled, {"network": "n.npz"}, tmp_path)
+    estimator = CompiledEstimator("narx", compiled, {"network": "n.npz"}, tmp_path)
     samples = 300
     y, u = 0.2 * rng.normal(size=(samples, 1, LANES)), np.zeros((samples, compiled.nu, LANES))
     at = list(compiled.model.inputs).index("speed")
@@ -415,7 +415,7 @@ def test_a_network_that_runs_away_diverges_with_its_time(tmp_path):
     layers = (network.layers[0], 500 * np.abs(network.layers[1]) + 5)
     net.save(small_network(layers=layers), tmp_path / "n.npz")
     spec, compiled = semitrailer_belief()
-    estimator = Estimator("narx", compiled, {"network": "n.npz"}, tmp_path)
+    estimator = CompiledEstimator("narx", compiled, {"network": "n.npz"}, tmp_path)
     u, y = np.full((50, compiled.nu, LANES), 5.0), np.zeros((50, 1, LANES))
     scores = scores_of(estimator, spec, u, y, Scoring(np.zeros((50, 3, LANES)), SIGNALS, np.full(LANES, 50.0)))
     np.testing.assert_array_equal(scores.diverged_at, 3.0)  # the first sample with full delays

@@ -6,7 +6,7 @@ import sympy as sp
 
 from harness.common.errors import ModelError, UserError
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import Estimator
+from harness.estimation.contract import CompiledEstimator
 from harness.models.assembly.assemble import assemble
 from harness.models.assembly.parameter_states import ParameterState, with_parameters
 from harness.models.contracts import Parameter
@@ -146,7 +146,7 @@ def test_kernels_are_the_same_where_no_parameter_is_a_state():
 
 def test_estimators_without_a_gain_consider_nothing():
     with pytest.raises(UserError, match="cannot consider"):
-        Estimator("particle", compiled(push(considered=True)))
+        CompiledEstimator("particle", compiled(push(considered=True)))
 
 
 def test_a_parameter_that_is_a_signal_already_is_refused():

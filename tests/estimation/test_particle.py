@@ -11,7 +11,7 @@ from harness.config.specs import CountFrom
 from harness.engine.simd.gather import gather
 from harness.engine.simd.lanes import LANES, get, put
 from harness.engine.simd.random import generator_words
-from harness.estimation.contract import Estimator
+from harness.estimation.contract import CompiledEstimator
 from harness.runner.contract import Held, InputSeries
 from harness.runner.records import Scoring
 from harness.simulation.simulate import in_lanes
@@ -34,7 +34,7 @@ def believe(estimator, compiled, q=Q, r=R):
 
 def run(compiled, u, y, q=Q, p0=P0, seeds=SEEDS, **settings):
     """Return means (samples, nx, LANES), covariances, log-likelihoods (samples - 1, LANES) and the last state."""
-    estimator = Estimator("particle", compiled, settings)
+    estimator = CompiledEstimator("particle", compiled, settings)
     belief, state = believe(estimator, compiled, q), estimator.init(np.zeros(3), p0, seeds)
     means, covariances, likelihoods = [state.mean], [state.covariance], []
     for k in range(1, len(y)):
@@ -93,7 +93,7 @@ def test_without_measurements_it_only_predicts(compiled):
 
 def test_innovation_and_its_covariance_are_those_of_the_prediction(compiled):
     u, y, A, B, C = drive_linear(3)
-    estimator = Estimator("particle", compiled, {"particles": 20_000})
+    estimator = CompiledEstimator("particle", compiled, {"particles": 20_000})
     state = estimator.init(np.zeros(3), P0, SEEDS)
     _, info = estimator.step(state, in_lanes(u[0]), in_lanes(u[1]), in_lanes(y[1]), believe(estimator, compiled))
     S = C @ (A @ np.diag(P0) @ A.T + np.diag(Q)) @ C.T + np.diag(R)
@@ -119,7 +119,7 @@ def test_gather_reads_every_lane_from_its_own_row():
 def test_a_run_draws_the_same_alone_or_in_a_batch(compiled):
     """Also where the other lanes redraw at other samples."""
     rng = np.random.default_rng(2)
-    estimator = Estimator("particle", compiled, {"particles": 50, "roughening": 0.1})
+    estimator = CompiledEstimator("particle", compiled, {"particles": 50, "roughening": 0.1})
     u, y = rng.normal(size=(60, 1, LANES)), rng.normal(size=(60, 2, LANES)) * np.linspace(0.1, 3, LANES)
 
     def of(pick):
@@ -159,7 +159,7 @@ def test_all_weights_zero_is_a_divergence_with_its_time(compiled, value):
     samples, lost = 40, 17
     u, y = rng.normal(size=(samples, 1, LANES)), 0.2 * rng.normal(size=(samples, 2, LANES))
     truth = np.zeros((samples, 1, LANES))
-    estimator = Estimator("particle", compiled, {"particles": 100})
+    estimator = CompiledEstimator("particle", compiled, {"particles": 100})
     parts = (in_lanes(each) for each in (np.array([1.5]), Q, R, np.zeros(3)))
     held, record = Held(*parts, P0, seeds=SEEDS), Scoring(truth, ("beta_test",), np.full(LANES, float(samples)))
     good = estimator.run(InputSeries(u), y, held, record).scores()
@@ -176,7 +176,7 @@ def test_all_weights_zero_is_a_divergence_with_its_time(compiled, value):
 
 def test_a_broken_particle_loses_its_weight_and_nothing_else(compiled):
     u, y, *_ = drive_linear(6)
-    estimator = Estimator("particle", compiled, {"particles": 64, "threshold": 0.0})
+    estimator = CompiledEstimator("particle", compiled, {"particles": 64, "threshold": 0.0})
     belief, state = believe(estimator, compiled), estimator.init(np.zeros(3), P0, SEEDS)
     state, _ = estimator.step(state, in_lanes(u[0]), in_lanes(u[1]), in_lanes(y[1]), belief)
     whole, _ = estimator.step(state, in_lanes(u[1]), in_lanes(u[2]), in_lanes(y[2]), belief)
@@ -205,7 +205,7 @@ def test_a_broken_particle_loses_its_weight_and_nothing_else(compiled):
 )
 def test_settings_are_refused(compiled, settings, says):
     with pytest.raises(UserError, match=rf"(?s)estimator 'particle'.*{says}"):
-        Estimator("particle", compiled, settings)
+        CompiledEstimator("particle", compiled, settings)
 
 
 def test_roughening_keeps_particles_apart(compiled):
@@ -220,7 +220,7 @@ def test_roughening_keeps_particles_apart(compiled):
 
 
 def test_several_batches_begin_as_each_alone(compiled):
-    estimator, seeds = Estimator("particle", compiled), np.random.SeedSequence(1).spawn(2 * LANES)
+    estimator, seeds = CompiledEstimator("particle", compiled), np.random.SeedSequence(1).spawn(2 * LANES)
     mean = np.random.default_rng(2).normal(size=(2, 3, LANES))
     both = estimator.init(mean, mean**2, seeds)
     for batch, own in enumerate((seeds[:LANES], seeds[LANES:])):
@@ -233,7 +233,7 @@ def test_several_batches_begin_as_each_alone(compiled):
 
 @pytest.fixture(scope="module")
 def redraw(compiled):
-    kernel = Estimator("particle", compiled)._kernels.redraw
+    kernel = CompiledEstimator("particle", compiled)._kernels.redraw
 
     @njit
     def call(scheme, redrawn, weights, total, points, ancestors, words):

@@ -5,7 +5,7 @@ import pytest
 
 from harness.common.errors import UserError
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import Estimator
+from harness.estimation.contract import CompiledEstimator
 from harness.estimation.particle_smoother import (
     Clouds,
     mean_of,
@@ -26,7 +26,7 @@ def compiled():
 
 
 def clouds_of(compiled, u, y, size, lanes=1, q=Q):
-    estimator = Estimator("particle", compiled, {"particles": size})
+    estimator = CompiledEstimator("particle", compiled, {"particles": size})
     belief = estimator.belief(compiled.constants(in_lanes(np.array([1.5]))), in_lanes(q), in_lanes(R))
     first = estimator.init(np.zeros(3), P0, SEEDS)
     return run_filter(estimator, in_lanes(u), in_lanes(y), belief, first, lanes)
@@ -136,7 +136,7 @@ def test_what_a_smoother_cannot_do_is_said(compiled):
     u, y, *_ = drive_linear(5)
     with pytest.raises(UserError, match="'gamma_test' has none"):
         clouds_of(compiled, u, y, 10, q=np.array([1e-3, 1e-3, 0.0]))
-    kalman = Estimator("ekf", compiled)
+    kalman = CompiledEstimator("ekf", compiled)
     with pytest.raises(UserError, match="needs the estimator 'particle', got 'ekf'"):
         run_filter(kalman, in_lanes(u), in_lanes(y), None, kalman.init(np.zeros(3), P0))
     y[3] = np.inf

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from harness.common.errors import UserError
-from harness.estimation.contract import Estimator
+from harness.estimation.contract import CompiledEstimator
 from support.oscillator import P0, STEP, VALUES, Q, R, compiled, drive, mass, push, run
 
 F = np.eye(2) + STEP * np.array([[0, 1], [-4, -1.5]])
@@ -72,4 +72,4 @@ def test_it_follows_a_mass_that_walks():
 @pytest.mark.parametrize("settings", [{"particles": 1}, {"kernel": 1.0}, {"threshold": 2}])
 def test_settings_that_make_no_sense_are_refused(settings):
     with pytest.raises(UserError, match="settings of estimator 'rbpf'"):
-        Estimator("rbpf", compiled(push()), settings)
+        CompiledEstimator("rbpf", compiled(push()), settings)

@@ -5,7 +5,7 @@ import pytest
 from scipy import integrate, optimize
 
 from harness.common.errors import UserError
-from harness.estimation.contract import Estimator
+from harness.estimation.contract import CompiledEstimator
 from harness.testing.estimators import Ground, step_through
 from harness.testing.linear_filter import P0, Q, R, compiled_linear, drive_linear
 
@@ -15,7 +15,7 @@ HUBER, STUDENT = {"threshold": 1.345, "iterations": 100}, {"degrees": 4.0, "iter
 def stepped(kind, settings, u, y):
     """Return means, covariances and infos of an estimator on the small linear model."""
     compiled = compiled_linear()
-    estimator = Estimator(kind, compiled, settings)
+    estimator = CompiledEstimator(kind, compiled, settings)
     return step_through(Ground(estimator, compiled, np.array([1.5]), Q, R, P0, u, y))
 
 
@@ -173,4 +173,4 @@ def test_the_adaptive_filter_finds_noise_that_nobody_told_it():
 )
 def test_wrong_settings_are_refused(kind, wrong, says):
     with pytest.raises(UserError, match=f"settings of estimator '{kind}'(.|\n)*{says}"):
-        Estimator(kind, compiled_linear(), wrong)
+        CompiledEstimator(kind, compiled_linear(), wrong)

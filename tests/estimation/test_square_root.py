@@ -7,7 +7,7 @@ import pytest
 import sympy as sp
 
 from harness.engine.compile import compile_model
-from harness.estimation.contract import Estimator
+from harness.estimation.contract import CompiledEstimator
 from harness.models.assembly.assemble import assemble
 from harness.simulation.simulate import in_lanes
 from harness.testing.linear_filter import P0, STEP, Q, R, drive_linear
@@ -53,7 +53,7 @@ def exact(samples):
 
 
 def steps(kind, compiled, u, y, q, r, p0, settings=None):
-    estimator = Estimator(kind, compiled, settings)
+    estimator = CompiledEstimator(kind, compiled, settings)
     belief = estimator.belief(compiled.constants(in_lanes(np.array([1.5]))), in_lanes(q), in_lanes(r))
     state = estimator.init(np.zeros(compiled.nx), p0)
     means, covariances, likelihoods, repairs = [], [], [], 0.0

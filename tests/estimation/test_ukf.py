@@ -6,7 +6,7 @@ import sympy as sp
 
 from harness.common.errors import UserError
 from harness.engine.compile import compile_model
-from harness.estimation.contract import Estimator
+from harness.estimation.contract import CompiledEstimator
 from harness.estimation.methods.ukf import Settings, tuning
 from harness.testing.linear_filter import compiled_linear
 from harness.testing.small_vehicles import linear
@@ -123,4 +123,4 @@ def test_more_nonlinear_outputs_than_states(kind):
 )
 def test_wrong_settings_are_refused(wrong, says):
     with pytest.raises(UserError, match=f"settings of estimator 'ukf'(.|\n)*{says}"):
-        Estimator("ukf", compiled_linear(), wrong)
+        CompiledEstimator("ukf", compiled_linear(), wrong)

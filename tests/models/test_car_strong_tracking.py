@@ -14,7 +14,7 @@ from harness.common.errors import ModelError, UserError
 from harness.config import load_study
 from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import Estimator
+from harness.estimation.contract import CompiledEstimator
 from harness.models.assembly.assemble import assemble, symbol
 from harness.models.assembly.expressions import larger
 from harness.models.roles import PARAMETERS, VEHICLES
@@ -153,7 +153,7 @@ def stiffness_error(**settings) -> np.ndarray:
     inputs = in_lanes(input_table(profile, model, MEASURED[1:]))
     inputs[:, 1] = measured[:, 1]
     p = in_lanes(belief.parameter_vector(dict(PARAMETERS.load("li_2017").VALUES)))
-    filter_ = Estimator("st_cdkf", belief, settings)
+    filter_ = CompiledEstimator("st_cdkf", belief, settings)
     held = Held(p, in_lanes(Q), np.full((1, LANES), 0.005), first_state(model, p, profile), in_lanes(Q))
     record = Scoring(truth, TRUE, np.full(LANES, float(len(kept))), keep=True)
     scores = filter_.run(InputSeries(inputs), np.ascontiguousarray(measured[:, :1]), held, record).scores()

@@ -16,7 +16,7 @@ from harness.engine.compile import load_source
 from harness.engine.lane_kinds import in_one_lane
 from harness.engine.simd.lanes import LANES
 from harness.engine.simd.random import generator_words
-from harness.estimation.contract import Estimator
+from harness.estimation.contract import CompiledEstimator
 from harness.realtime.measure import Contestant, contestants, measure
 from harness.realtime.outcome import PACES, QUANTILES, _ratios, judge, published_ratio, read, write
 from harness.realtime.report import answer, report
@@ -64,7 +64,7 @@ def outcome(study):
 @pytest.mark.parametrize("kind", ["ekf", "ukf"])
 def test_one_lane_estimates_what_eight_do(kind):
     compiled, samples = compiled_linear(), 30
-    estimator, rng = Estimator(kind, compiled), np.random.default_rng(3)
+    estimator, rng = CompiledEstimator(kind, compiled), np.random.default_rng(3)
     u, y = rng.normal(size=(samples, 1, LANES)), rng.normal(size=(samples, 2, LANES))
     y[7] = np.nan
     belief = estimator.belief(
@@ -231,7 +231,7 @@ def test_a_duration_that_is_none_is_one_line(given, message):
 
 def test_an_estimator_that_diverges_is_not_timed():
     compiled = compiled_linear()
-    estimator = Estimator("ekf", compiled)
+    estimator = CompiledEstimator("ekf", compiled)
     belief = estimator.belief(
         compiled.constants(in_lanes(np.array([1.5]))), in_lanes(np.full(3, 1e-2)), in_lanes(np.full(2, 0.1))
     )

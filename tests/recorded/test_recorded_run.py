@@ -6,7 +6,7 @@ import pytest
 from harness.common.errors import ModelError, UserError
 from harness.config import resolve_single
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import Estimator
+from harness.estimation.contract import CompiledEstimator
 from harness.identification.filtered_model import Candidates
 from harness.recorded.run import RecordedEstimator, RecordedModel
 from harness.simulation.simulate import in_lanes, variances
@@ -46,7 +46,7 @@ def test_missing_samples_are_skipped_exactly(car, drive):
     gaps = with_gaps(drive)
     run = RecordedEstimator(car, "ekf").run(gaps)
     held, spec = car.drive(gaps), car.spec
-    stepped = Estimator("ekf", car.compiled)
+    stepped = CompiledEstimator("ekf", car.compiled)
     state = stepped.init(held.first_mean, held.first_variance)
     belief = stepped.belief(
         car.compiled.constants(in_lanes(car.compiled.parameter_vector(spec.values))),

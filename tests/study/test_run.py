@@ -295,13 +295,13 @@ def test_each_history_is_stored_with_its_own_signals(study, evaluator, finished)
 def test_a_signal_without_truth_is_estimated_but_not_scored():
     from harness.engine.compile import compile_model
     from harness.engine.simd.lanes import LANES
-    from harness.estimation.contract import Estimator
+    from harness.estimation.contract import CompiledEstimator
     from harness.simulation.simulate import in_lanes
     from harness.testing.small_vehicles import linear
 
     names = ("alpha_test", "beta_test", "gamma_test")
     compiled = compile_model(linear(), 0.05, signals=names)
-    estimator, rng = Estimator("ekf", compiled), np.random.default_rng(1)
+    estimator, rng = CompiledEstimator("ekf", compiled), np.random.default_rng(1)
     held = Held(*(in_lanes(np.array(v)) for v in ([1.5], [1.0] * 3, [1.0] * 2, [0.0] * 3, [1.0] * 3)))
     u, y, until = rng.normal(size=(50, 1, LANES)), rng.normal(size=(50, 2, LANES)), np.full(LANES, 50.0)
     whole, part = (
@@ -322,7 +322,7 @@ def test_a_matched_filter_is_consistent():
 
     from harness.engine.compile import compile_model
     from harness.engine.simd.lanes import LANES
-    from harness.estimation.contract import Estimator
+    from harness.estimation.contract import CompiledEstimator
     from harness.simulation.simulate import CompiledSimulator, in_lanes
     from harness.testing.small_vehicles import linear
 
@@ -330,7 +330,7 @@ def test_a_matched_filter_is_consistent():
     compiled, samples, runs = compile_model(linear(), 0.05, signals=names), 400, 104
     q, r, p0 = np.array([1e-3, 2e-3, 5e-4]), np.array([1e-2, 4e-2]), np.array([0.5, 1.0, 2.0])
     rng, simulator = np.random.default_rng(5), CompiledSimulator(compiled.model, 0.05)
-    estimator, held = Estimator("ekf", compiled), [in_lanes(v) for v in (np.array([1.5]), q, r)]
+    estimator, held = CompiledEstimator("ekf", compiled), [in_lanes(v) for v in (np.array([1.5]), q, r)]
     u, nees, nis = rng.normal(size=(samples, 1, LANES)), [], []
     for _ in range(runs // LANES):
         noise = rng.standard_normal((samples, 5, LANES))

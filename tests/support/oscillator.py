@@ -3,7 +3,7 @@
 import numpy as np
 
 from harness.engine.compile import compile_model
-from harness.estimation.contract import Estimator
+from harness.estimation.contract import CompiledEstimator
 from harness.models.assembly.assemble import assemble
 from harness.models.assembly.parameter_states import ParameterState, is_logarithmic, with_parameters
 from harness.models.contracts import Parameter
@@ -67,7 +67,7 @@ def drive(true, seed=5, samples=SAMPLES, excitation=1.0, q=Q):
 
 def run(kind, model, u, y, walks, settings=None, constants=None, infos=None):
     """Step through; return means ``(samples, nx)`` and covariances of lane 0, and append what was said to ``infos``."""
-    estimator = Estimator(kind, model, settings)
+    estimator = CompiledEstimator(kind, model, settings)
     values = {**VALUES, **(constants or {})}
     belief = estimator.belief(
         model.constants(in_lanes(model.parameter_vector(values))), in_lanes(np.array([*Q, *walks])), in_lanes(R)

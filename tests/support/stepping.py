@@ -3,7 +3,7 @@
 import numpy as np
 
 from harness.engine.compile import compile_model
-from harness.estimation.contract import Estimator
+from harness.estimation.contract import CompiledEstimator
 from harness.simulation.simulate import in_lanes
 
 
@@ -22,7 +22,7 @@ class Stepper:
 
     def __init__(self, kind, model, q, r, settings=None, parameters=(), step=0.1):
         self.compiled = compile_model(model, step)
-        self.estimator = Estimator(kind, self.compiled, settings)
+        self.estimator = CompiledEstimator(kind, self.compiled, settings)
         constants = self.compiled.constants(in_lanes(np.array(parameters, dtype=float)))
         self.belief = self.estimator.belief(constants, in_lanes(np.array(q)), in_lanes(np.array(r)))
 

@@ -109,9 +109,6 @@ def compile_estimators(
     compile_all(again(), again, lambda missing: min(processes, missing) - 1, say)
 
 
-ESTIMATORS = ("ekf", "ukf", "cdkf")
-"""Estimators that are tried unless others are asked for."""
-
 _UNSEEN = 1e12
 """Factor on the variance of a measurement that an estimator must not use."""
 

@@ -75,7 +75,7 @@ _OPERANDS = [(dual, dual)] + [
 
 def _arithmetic(op: Callable[..., Any], rule: Callable[[Any, Parts, Parts], Parts]) -> None:
     @infer_global(op)
-    class _Template(lanes.FirstTemplate):
+    class _DualTemplate(lanes.FirstTemplate):
         def generic(self, args: Any, kws: Any) -> Any:
             return signature(dual, *args) if len(args) == 2 and _mixes(args) else None
 
@@ -123,7 +123,7 @@ _arithmetic(operator.truediv, _quotient)
 
 def _comparison(op: Callable[..., Any], relation: str) -> None:
     @infer_global(op)
-    class _Template(lanes.FirstTemplate):
+    class _DualTemplate(lanes.FirstTemplate):
         def generic(self, args: Any, kws: Any) -> Any:
             return signature(mask, *args) if len(args) == 2 and _mixes(args) else None
 
@@ -141,7 +141,7 @@ _comparison(operator.eq, "==")
 
 
 @infer_global(operator.neg)
-class _Negative(lanes.FirstTemplate):
+class _DualNegative(lanes.FirstTemplate):
     def generic(self, args: Any, kws: Any) -> Any:
         return signature(dual, dual) if tuple(args) == (dual,) else None
 

@@ -41,6 +41,7 @@ class Settings(BaseModel):
 
 KALMAN_TYPE = True
 DEVICES = ("cuda",)
+IN_TRACE = 3
 
 
 def tuning(settings: Settings, nx: int, ny: int) -> list[float]:

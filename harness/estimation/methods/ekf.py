@@ -8,6 +8,7 @@ from harness.estimation.methods._linearised import linear_workspace, predict
 
 KALMAN_TYPE = True
 DEVICES = ("cuda",)
+IN_TRACE = 1
 
 
 def workspace():

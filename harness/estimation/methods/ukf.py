@@ -40,6 +40,7 @@ class Settings(BaseModel):
 
 KALMAN_TYPE = True
 DEVICES = ("cuda",)
+IN_TRACE = 2
 
 
 def tuning(settings: Settings, nx: int, ny: int) -> list[float]:

@@ -32,7 +32,7 @@ from harness.config import ModelSpec
 from harness.engine.compile import compile_model, load_source, paste
 from harness.engine.kernel_names import LANES, NW, NX, NY, get, next_state, output, put, splat
 from harness.engine.simd.lanes import LANES as WIDTH
-from harness.estimation.contract import Estimator
+from harness.estimation.contract import CompiledEstimator
 from harness.estimation.particle_smoother import Transitions, run_filter, transitions
 from harness.identification.contract import Estimate, Fit, Problem
 from harness.identification.data import DriveData, started_by
@@ -133,7 +133,7 @@ class Expecter:
         shape = (spec.model(), spec.step, spec.integrator, spec.substeps)
         self.compiled, self._duals = compile_model(*shape), compile_model(*shape, duals=True)
         settings = {"particles": particles, "resampling": "stratified", "threshold": 1.0}
-        self._filter = Estimator("particle", self.compiled, settings)
+        self._filter = CompiledEstimator("particle", self.compiled, settings)
         source = paste(self._duals, "expectation", [squared_residuals])
         self._kernel = load_source("expectation", source).squared_residuals
         self._values = self.compiled.parameter_vector(spec.values)
