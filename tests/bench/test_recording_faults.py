@@ -14,10 +14,14 @@ def drive():
     return drives.car(3)
 
 
-def test_a_drive_without_a_fault_has_no_finding(drive):
-    found, _ = check_drive(drive)
-    assert found.findings == ()
-    assert found.remedy is None
+@pytest.fixture(scope="module")
+def clean(drive):
+    return check_drive(drive)[0]
+
+
+def test_a_drive_without_a_fault_has_no_finding(clean):
+    assert clean.findings == ()
+    assert clean.remedy is None
 
 
 @pytest.mark.parametrize(
@@ -34,19 +38,17 @@ def test_a_drive_without_a_fault_has_no_finding(drive):
         "drift of a clock: 200 to 1000 ppm",
     ],
 )
-def test_a_planted_fault_is_named_and_mended(drive, kind):
+def test_a_planted_fault_is_named_and_mended(drive, clean, kind):
     fault = next(f for f in planted(drive, np.random.default_rng(5)) if f.kind == kind)
-    clean, _ = check_drive(drive)
     result = scored(drive, clean, fault, measured=False)
     assert result.named, result.found
     assert result.passes, result.found
     assert result.further == 0, result.found
 
 
-def test_the_score_counts_what_is_missed(drive):
+def test_the_score_counts_what_is_missed(drive, clean):
     fault = planted(drive, np.random.default_rng(5))[0]
     harmless = type(fault)(fault.kind, fault.signals, 1.0, fault.named, fault.plant)
-    clean, _ = check_drive(drive)
     assert not scored(drive, clean, harmless, measured=False).named
 
 
