@@ -11,6 +11,11 @@ NOTEBOOKS := $(patsubst docs/%,build/%,$(wildcard docs/notebooks/*.ipynb))
 STUDIES := $(patsubst studies/%.toml,study-%,$(wildcard studies/*.toml))
 RECORDED := $(patsubst studies/%.toml,study-%,$(shell grep -ls 'kind *= *"from_file"' studies/*.toml))
 
+# A worker keeps what it has compiled: in three parts it takes half the memory.
+TESTS_1 := tests/diagnosis tests/identification tests/bench tests/recordings
+TESTS_2 := tests/study tests/recorded tests/remedy tests/realtime
+TESTS_3 := $(filter-out $(TESTS_1) $(TESTS_2),$(patsubst %/,%,$(wildcard tests/*/ tests/test_*.py)))
+
 .DEFAULT_GOAL := help
 .PHONY: help setup studies loop $(LOOPS) report test test-view proof wheel lint attribution attribution-docs foreign sensitivity check-proof tuning-proof fuzz mutation faults audit endurance scale short-runs bench lock clean study-narx-architecture study-realtime study-identify-swarm study-identify-em reproduce-box reproduce-nearest reproduce notebooks docs $(IDENTIFY) $(STUDIES)
 
@@ -88,7 +93,9 @@ report: $(VENV)/run.stamp ## rewrite the reports of all finished studies
 	@for d in results/*/scores.zarr; do [ -e "$$d" ] || continue; $(BIN)/harness report $$(dirname $$d) || exit 1; done
 
 test: $(VENV)/dev.stamp ## run the tests
-	$(BIN)/python -m pytest --numprocesses auto --dist loadfile -m "not proof and not wheel and not notebooks and not browser"
+	failed=; for part in "$(TESTS_1)" "$(TESTS_2)" "$(TESTS_3)"; do \
+		$(BIN)/python -m pytest --numprocesses auto --dist loadfile -m "not proof and not wheel and not notebooks and not browser" $$part || failed=1; \
+	done; test -z "$$failed"
 
 test-view: $(VENV)/dev.stamp ## run the tests of harness view in a browser (needs Chromium on the PATH)
 	$(BIN)/python -m pytest -m browser tests/view
