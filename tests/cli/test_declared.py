@@ -245,3 +245,15 @@ def test_a_file_stands_alone_and_without_one_the_rest_is_asked_for(measured_file
     assert ("--test" in done.stderr) == (command == "trace")
     assert "--out" in done.stderr
     assert "--model" not in done.stderr
+
+
+def test_remedies_are_tried_as_asked(monkeypatch, tmp_path):
+    asked = []
+    monkeypatch.setattr("harness.remedy.run.try_remedies", lambda *given: asked.append(given) or "tried")
+    monkeypatch.setattr("harness.remedy.answer.answer", lambda tried: f"{tried}: take it")
+    monkeypatch.setattr("harness.remedy.report.write_remedy", lambda tried, out, command: [out / "report.html"])
+    done = ran("remedy", "kalman-lecture", "--out", tmp_path / "there", "--equipment", 1, "--jobs", 2, "--yes")
+    assert done.exit_code == 0, done.output
+    ((study, out, *further),) = asked
+    assert (study.name, out, further) == ("kalman-lecture", tmp_path / "there", [None, 1, 2, None, False])
+    assert done.stdout.splitlines() == ["tried: take it", str(tmp_path / "there" / "report.html")]
