@@ -1,4 +1,8 @@
-"""What is pasted behind an estimator's kernels to time it (``harness.engine.compile.paste``)."""
+"""The loop over time of an estimator whose steps are timed, pasted behind its kernels.
+
+It is no recorder of ``harness.runner.filter_loop``: that makes its arrays in the call, so that each step of a cycle
+would find them in the caches, and a step's stores could be moved past the reading of the clock.
+"""
 
 from __future__ import annotations
 
