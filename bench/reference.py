@@ -21,6 +21,7 @@ from typing import Any
 import typer
 from pydantic import BaseModel
 
+import harness
 from harness.cli.drive_tables import kinds_table
 from harness.cli.drive_tables import table as peaks_table
 from harness.cli.main import app
@@ -192,12 +193,19 @@ def peaks(name: str) -> str:
     return peaks_table(ROOT / "studies" / "drives" / f"{name}.toml")
 
 
+def public_names() -> str:
+    """Return the lines at which mkdocstrings puts the documentation of each public name."""
+    names = sorted(harness.__all__, key=str.lower)
+    return "\n\n".join(f"::: {getattr(harness, name).__module__}.{name}" for name in names)
+
+
 TABLES: dict[str, Callable[..., str]] = {
     "commands": commands,
     "drive-kinds": kinds_table,
     "drive-peaks": peaks,
     "effects": effects,
     "keys": fields,
+    "public-names": public_names,
     "settings": settings,
     "study-keys": keys,
 }

@@ -1,8 +1,13 @@
-"""A lateral accelerometer rolls out of the bend with its body and measures part of gravity.
+r"""A lateral accelerometer rolls out of the bend with its body and measures part of gravity.
 
 The body rolls by ``k`` times its lateral acceleration, behind the second-order motion of its springs and dampers,
 to the outside as every body on springs does. The reading is ``a cos(phi) + g sin(phi)``. What the roll's own
 acceleration adds above the roll axis is left out.
+
+Equation: $y \to a_y\cos\varphi+g\sin\varphi,$ $\varphi=k_R a_R,$ $\ddot a_R=\omega_R^2(a_y-a_R)-0.8\,\omega_R\dot a_R$.
+
+Confused with: ``sensor_gain`` of the accelerometer, in drives slower than the roll. $\omega_R$ has no slope while $k_R$
+is zero.
 """
 
 from __future__ import annotations

@@ -1,7 +1,11 @@
-"""Still air pushes against a body that moves sideways (Mitschke and Wallentowitz 2014).
+r"""Still air pushes against a body that moves sideways (Mitschke and Wallentowitz 2014).
 
 The side force is ``c_y rho A v^2 beta / 2`` and ``v beta`` the lateral velocity, so it is proportional to speed times
 lateral velocity; the moment likewise, with the wheelbase in its coefficient.
+
+Equation: $F = -k_y v_x v_y,$ $M = -k_n v_x v_y$.
+
+Confused with: cornering stiffness of all axles, unless the speed varies widely.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Drive and brake force of an axle reduce its lateral force (friction ellipse; Pacejka 2012, ch. 4).
+r"""Drive and brake force of an axle reduce its lateral force (friction ellipse; Pacejka 2012, ch. 4).
 
 An axle with the share ``lambda`` of the whole force ``F_x`` keeps ``sqrt(1 - (lambda F_x / mu F_z)^2)`` of its
 lateral force. Here it keeps ``1 / sqrt(1 + q (F_x / F_z)^2)`` with ``q = (lambda / mu)^2``, the same for moderate
@@ -6,6 +6,10 @@ use, but with a slope at ``q = 0`` and no end at full use. Brakes act on all axl
 and braking each have a ``q``. ``F_x`` is mass times the acceleration of the speed
 behind ``SETTLING``, which keeps the noise of a measured speed out, less gravity on a grade; resistances are left
 out.
+
+Equation: $F_{0y} \to \frac{F_{0y}}{\sqrt{1+q(F_x/F_z)^2}},$ $F_x=\textstyle\sum m\,(a_x-g_x)$.
+
+Confused with: ``longitudinal_load_transfer``; a bias of the speed's derivative.
 """
 
 from __future__ import annotations

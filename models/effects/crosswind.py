@@ -1,7 +1,12 @@
-"""A gust from the side: a lateral force and a yaw moment on each body, from an onset to an end.
+r"""A gust from the side: a lateral force and a yaw moment on each body, from an onset to an end.
 
 Mitschke and Wallentowitz 2014: the wind's force acts ahead of the CoG, so force and moment are separate. Both
 rise and fall within ``EDGE``. Positive pushes to the left.
+
+Equation: $F = F_W\,w(t),\ M = M_W\,w(t)$.
+
+Confused with: ``road_bank_varying``; force on one body with moment on the other, if only yaw rates are measured. The
+times $t_1,t_2$ have no slope while force and moment are zero.
 """
 
 from __future__ import annotations

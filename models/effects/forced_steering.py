@@ -1,7 +1,12 @@
-"""An axle that the articulation steers: a linkage at the kingpin turns the wheels in proportion to the angle.
+r"""An axle that the articulation steers: a linkage at the kingpin turns the wheels in proportion to the angle.
 
 Jujnovich and Cebon 2002, command steer: the rear axles of a trailer are turned against the bend, so that the trailer
 cuts in less and its tyres scrub less.
+
+Equation: $\alpha \to \alpha + k_\theta\,\theta$.
+
+Confused with: the same on another trailer axle; the stiffness of the trailer's tyres and the position of its axles when
+turning steadily, where articulation and slip angles keep their ratio.
 """
 
 from __future__ import annotations

@@ -1,9 +1,15 @@
-"""The road's friction changes at a given time, as when a car drives onto ice; all axles at once.
+r"""The road's friction changes at a given time, as when a car drives onto ice; all axles at once.
 
 The rate of the change rises and falls as a raised cosine. It is zero where the change begins and ends, so it does not
 matter on which side of these times a sample or a stage of the integrator falls, and a sum over samples gives the
 whole change exactly if it lasts a whole number of them, two or more. A vehicle whose friction is a state gets the rate,
 one whose friction is a parameter the change itself.
+
+Equation: $\mu(t) = \mu + \Delta\mu\,\Big(\tau - \frac{\sin 2\pi\tau}{2\pi}\Big),$ $\tau =
+\frac{t-t_\mu}{T_\mu}\in[0,1]$.
+
+Confused with: ``tyre_stiffness_drift`` and load, as long as the tyres are far from their limit: at small slip the force
+does not depend on friction.
 """
 
 from __future__ import annotations

@@ -1,4 +1,9 @@
-"""Viscous friction of the fifth wheel: a yaw moment in proportion to the articulation rate, against it."""
+r"""Viscous friction of the fifth wheel: a yaw moment in proportion to the articulation rate, against it.
+
+Equation: $M_K = -d_K\dot\theta$.
+
+Confused with: ``kingpin_friction``; lever arms of the trailer, if these are held fixed wrongly.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,11 @@
-"""Dry friction of the fifth wheel: a yaw moment against the articulation rate, constant in magnitude.
+r"""Dry friction of the fifth wheel: a yaw moment against the articulation rate, constant in magnitude.
 
 The sign of the rate is smoothed, so stick-slip of the coupling is left out. The rate of the smoothing matters as much
 as the magnitude: a coupling that turns slowly most of the time acts on the slope between the signs.
+
+Equation: $M_K = -M_R\tanh(\dot\theta/\omega_R)$.
+
+Confused with: ``kingpin_damping`` unless articulation rates vary; process noise on the articulation.
 """
 
 from __future__ import annotations

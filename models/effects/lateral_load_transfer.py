@@ -1,8 +1,13 @@
-"""In a bend the outer wheel gains less grip than the inner one loses, so the axle loses capacity and stiffness.
+r"""In a bend the outer wheel gains less grip than the inner one loses, so the axle loses capacity and stiffness.
 
 Pacejka 2012, 1.2.2: with a tyre that is degressive in its load, transferring the share ``zeta`` of the load costs the
 axle a part of about ``zeta^2``; ``zeta`` is in proportion to the lateral acceleration. That is taken as yaw rate times
 speed, which needs no tyre force and so makes no algebraic loop; ``1 / (1 + k x^2)`` stays positive in any bend.
+
+Equation: $D,\ C_F \;\to\; \frac{D,\ C_F}{1+k_y\,(v_x\dot\psi/g)^2}$.
+
+Confused with: the tyres' shape factor and friction: all bend the force at large slip. Drives at different speeds tell
+them apart.
 """
 
 from __future__ import annotations

@@ -1,6 +1,10 @@
-"""An axle of a bogie is lifted, or carries less than the others: they take its load, and the bogie's middle moves.
+r"""An axle of a bogie is lifted, or carries less than the others: they take its load, and the bogie's middle moves.
 
 Loads still add up to the weight and balance it, because the vehicle computes them from the axles' shares.
+
+Equation: $F_{z2j} = \frac{s_j}{\sum s}\,F_{z2},$ $s_j = 1-\lambda_{H,j}$.
+
+Confused with: ``self_steering_axle`` of the same axle.
 """
 
 from __future__ import annotations

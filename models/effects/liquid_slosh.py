@@ -1,8 +1,13 @@
-"""Part of a body's mass is liquid that swings from side to side, as a pendulum at the CoG (Ranganathan et al. 1993).
+r"""Part of a body's mass is liquid that swings from side to side, as a pendulum at the CoG (Ranganathan et al. 1993).
 
 The liquid's share of the mass does not move with the body; spring and damper of the pendulum hand its force over.
 In a steady bend it leans on the wall and weighs as if it were solid; in a quick one it stays behind. What it does
 to roll and loads is left out.
+
+Equation: $(1-\mu_s)\,m\,a_y = Y + \mu_s m\,p,$ $\ddot y_s = -a_y - p,$ $p=\omega_s^2y_s+2\zeta_s\omega_s\dot y_s$.
+
+Confused with: yaw inertia and mass at frequencies well above $\omega_s$. Frequency and damping have no slope while the
+share is zero.
 """
 
 from __future__ import annotations

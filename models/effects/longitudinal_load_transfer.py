@@ -1,7 +1,11 @@
-"""Braking loads the front of a body and driving its rear: the inertial force acts at the height of the CoG.
+r"""Braking loads the front of a body and driving its rear: the inertial force acts at the height of the CoG.
 
 The acceleration is that of the speed behind ``PITCHING``, in which the body settles to its pitch; it also keeps the
 noise of a measured speed out of the loads. On a grade the weight adds to it.
+
+Equation: $M_y = -m\,h\,(a_x-g_x),$ $a_x=(v_x-v_p)/0.15\,\mathrm{s},$ $\dot v_p=a_x$.
+
+Confused with: ``combined_slip``, which braking brings along.
 """
 
 from __future__ import annotations

@@ -1,7 +1,13 @@
-"""Load slides forward or back at a given time and moves the CoG of the body that carries it.
+r"""Load slides forward or back at a given time and moves the CoG of the body that carries it.
 
 Loads and lever arms follow the CoG while it moves, and the lateral velocity stays that of the CoG; what the sliding
 itself does to it (Coriolis, yaw inertia) is left out. ``SLIDING`` is how long it takes.
+
+Equation: $x_\mathrm{CoG} \to x_\mathrm{CoG} + \Delta x\,\Big(\tau-\frac{\sin2\pi\tau}{2\pi}\Big),$
+$\tau=\frac{t-t_L}{1\,\mathrm{s}}$.
+
+Confused with: ``friction_change`` and ``tyre_stiffness_drift`` of the trailer: all change the understeer at some time
+or gradually.
 """
 
 from __future__ import annotations

@@ -1,7 +1,12 @@
-"""A road that is banked alike everywhere: gravity pulls each body towards the lower side.
+r"""A road that is banked alike everywhere: gravity pulls each body towards the lower side.
 
 ISO 8855: the bank is positive when the left side is higher. An accelerometer does not feel gravity in the plane of the
 road, so the measured lateral acceleration changes only by what the tyres do about it.
+
+Equation: $\dot v_y = \dots - g\sin\varphi_B$.
+
+Confused with: ``steering_offset`` and a constant ``tyre_force_offset`` when driving straight; the accelerometer tells
+them apart, as does a drive back along the same road.
 """
 
 from __future__ import annotations

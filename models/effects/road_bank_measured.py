@@ -1,9 +1,14 @@
-"""A road whose bank is known over time, from a map along the driven path or from a survey: an input of the model.
+r"""A road whose bank is known over time, from a map along the driven path or from a survey: an input of the model.
 
 A recording has to hold it; the road of a simulated drive is flat.
 
 ``bank_share`` is 1 where the stated bank acts and 0 where it does not; its estimate says whether the recording shows
 that bank at all.
+
+Equation: $\dot v_y = \dots - g\sin(\lambda_B\,\varphi_B(t))$.
+
+Confused with: nothing, if the map was made on other laps. A map made from the same recording explains whatever is
+missing there.
 """
 
 from __future__ import annotations

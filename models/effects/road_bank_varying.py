@@ -1,8 +1,13 @@
-"""A road whose bank changes along the way, as a Gauss-Markov process that an estimator can follow.
+r"""A road whose bank changes along the way, as a Gauss-Markov process that an estimator can follow.
 
 ``b`` is white noise of unit intensity behind a lag, ``db/dt = -b / T + w``, and the bank is ``sigma_B b``: its standard
 deviation is ``sigma_B sqrt(T / 2)``. The mean of ``b`` is zero, so at the neutral value the likelihood's slope says
 nothing and the search starts from the grid.
+
+Equation: $\dot b = -b/T_B + w,$ $\dot v_y = \dots - g\sin(\sigma_B b)$.
+
+Confused with: a gust, and any slow lateral disturbance: it takes up all of them. The mean of $b$ is zero, so the score
+at $\sigma_B=0$ has no mean to see; start from the grid.
 """
 
 from __future__ import annotations

@@ -1,7 +1,11 @@
-"""A road that climbs alike everywhere: gravity pulls each body backwards.
+r"""A road that climbs alike everywhere: gravity pulls each body backwards.
 
 A vehicle that computes its own speed slows down. Where the speed is given, the grade shows only in what drive and
 brakes must do about it, so it needs ``combined_slip`` or ``longitudinal_load_transfer`` beside it.
+
+Equation: $\dot v_x = \dots - g\sin\gamma$.
+
+Confused with: air and rolling resistance, mass, and a bias of the longitudinal accelerometer.
 """
 
 from __future__ import annotations

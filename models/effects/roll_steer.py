@@ -1,7 +1,11 @@
-"""Body roll steers an axle through its suspension: a steer angle in proportion to how far the body leans.
+r"""Body roll steers an axle through its suspension: a steer angle in proportion to how far the body leans.
 
 Pacejka 2012, 1.2.2, there quasi-steady; here the body leans behind its lateral acceleration as its springs and dampers
 let it. Positive steers into the bend.
+
+Equation: $\alpha \to \alpha + \varepsilon_R\,a_R,$ $\ddot a_R=\omega_R^2(a_y-a_R)-0.8\,\omega_R\dot a_R$.
+
+Confused with: position of the CoG and stiffness of the axles: all of them change the understeer gradient.
 """
 
 from __future__ import annotations

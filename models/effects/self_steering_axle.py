@@ -1,9 +1,14 @@
-"""An axle whose wheels trail behind their kingpins and turn where the axle goes: part of its slip angle is lost.
+r"""An axle whose wheels trail behind their kingpins and turn where the axle goes: part of its slip angle is lost.
 
 Jujnovich and Cebon 2002: a self-steering axle of a trailer generates little lateral force; its steering damper and
 return spring leave it the rest. With trail ``t``, damper ``c`` and spring ``k`` the wheels turn by ``phi`` as ``c
 dphi/dt + k phi = t C (alpha - phi)``: the share ``t C / (t C + k)`` of the slip angle is lost, behind a lag of ``c / (t
 C + k)`` (``_lag.lag`` for short ones).
+
+Equation: $\alpha \to \Big(1-\frac{\sigma_S}{1+T_S s}\Big)\,\alpha$.
+
+Confused with: ``lifted_axle``; a smaller stiffness of that axle, where it has a tyre of its own (exactly the same for
+``linear``).
 """
 
 from __future__ import annotations

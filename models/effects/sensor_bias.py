@@ -1,4 +1,9 @@
-"""A sensor is off by a constant."""
+r"""A sensor is off by a constant.
+
+Equation: $y \to y + b_y$.
+
+Confused with: ``steering_offset`` and ``tyre_force_offset`` in drives that turn one way only.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,10 @@
-"""A sensor's reading arrives late (second order, ``_lag.delay``).
+r"""A sensor's reading arrives late (second order, ``_lag.delay``).
 
 Its states start at zero: a reading that does not has a transient of a few delays at the start of a drive.
+
+Equation: $y \to e^{-\tau_y s}\,y \text{ (second order)}$.
+
+Confused with: ``steering_delay`` and ``steering_lag``, if all sensors are late alike.
 """
 
 from __future__ import annotations

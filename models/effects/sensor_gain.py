@@ -1,4 +1,9 @@
-"""A sensor reads too much or too little in proportion."""
+r"""A sensor reads too much or too little in proportion.
+
+Equation: $y \to (1+g_y)\,y$.
+
+Confused with: ``sensor_gain_speed``; for the force of an axle the masses.
+"""
 
 from __future__ import annotations
 

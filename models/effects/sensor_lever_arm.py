@@ -1,7 +1,11 @@
-"""A sensor of acceleration or lateral velocity sits ahead of the point its signal is stated for.
+r"""A sensor of acceleration or lateral velocity sits ahead of the point its signal is stated for.
 
 Rigid-body kinematics: at ``x`` ahead the lateral velocity is larger by ``w x``, the lateral acceleration by ``dw/dt
 x``, the longitudinal one smaller by ``w^2 x``.
+
+Equation: $v_y \to v_y + x_y\dot\psi,$ $a_y \to a_y + x_y\ddot\psi,$ $a_x \to a_x - x_y\dot\psi^2$.
+
+Confused with: the car's parameter ``reference_from_cog`` (the same thing for lateral velocity); position of the CoG.
 """
 
 from __future__ import annotations

@@ -1,9 +1,15 @@
-"""A sensor is turned about the vertical axis and reads a part of what lies across its stated direction.
+r"""A sensor is turned about the vertical axis and reads a part of what lies across its stated direction.
 
 Turned to the left by ``eps``, a lateral one reads ``cos(eps)`` of its own direction less ``sin(eps)`` of the
 longitudinal one, and a longitudinal one the other way round. A degree of a sensor of the lateral velocity is 0.3 m/s
 at 20 m/s; a degree of an accelerometer matters where the vehicle brakes. The longitudinal acceleration is that of the
 speed behind ``SETTLING``.
+
+Equation: $v_y \to v_y\cos\varepsilon_y-v_x\sin\varepsilon_y,$ $a_y \to a_y\cos\varepsilon_y-\tilde
+a_x\sin\varepsilon_y,$ $a_x \to a_x\cos\varepsilon_y+a_y\sin\varepsilon_y$.
+
+Confused with: ``sensor_bias``, for a lateral velocity in drives at one speed; nothing that an accelerometer reads while
+the vehicle neither brakes nor drives.
 """
 
 from __future__ import annotations

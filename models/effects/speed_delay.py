@@ -1,6 +1,10 @@
-"""The vehicle has its recorded speed a fixed time later (second order, ``_lag.delay``).
+r"""The vehicle has its recorded speed a fixed time later (second order, ``_lag.delay``).
 
 A channel that recorded the speed late, as one that comes over a bus from the brakes, is a negative delay.
+
+Equation: $v_x \to e^{-\tau_v s}\,v_x \text{ (second order)}$.
+
+Confused with: ``longitudinal_load_transfer``, which also grows with the acceleration, in calm drives.
 """
 
 from __future__ import annotations

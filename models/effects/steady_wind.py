@@ -1,10 +1,15 @@
-"""A wind that blows steadily over ground: a vehicle that turns meets it from changing sides.
+r"""A wind that blows steadily over ground: a vehicle that turns meets it from changing sides.
 
 Side force and yaw moment of the air are ``rho A v_r^2 / 2`` times coefficients that rise with the angle ``beta_r`` of
 the airflow (Mitschke and Wallentowitz 2014). While the wind is slow against the speed, ``v_r^2 beta_r = v w`` with the
 wind ``w`` across the body, so that both are proportional to speed and wind. The heading tells ``w`` from the wind over
 ground, along the axes from which the heading is counted; a recording has to hold it, and a trailer adds the
 articulation angle. The force acts ahead of the CoG, as on any body that is longer than it is wide.
+
+Equation: $F = v\,(b_y\cos\psi_W - b_x\sin\psi_W),$ $M = l_W F$.
+
+Confused with: ``steering_offset`` as long as the road does not turn, ``road_bank_varying`` where it does. Drives of one
+day share a wind; those of another day have their own.
 """
 
 from __future__ import annotations

@@ -1,9 +1,16 @@
-"""Play in the steering: on every reversal the wheels wait until the play is crossed.
+r"""Play in the steering: on every reversal the wheels wait until the play is crossed.
 
 The middle of the play, a state, stays where it is while the steering moves within the play and is pushed along
 beyond it (the play operator of Visintin 1994, with ``PUSHING`` as its time constant). The wheels stand at the angle
 less half the play times where in the play the steering is, from -1 to 1. Below ``NARROWEST`` the play stays as wide,
 so that the slope at no play exists.
+
+Equation: $\delta = \delta_0 - b_L\,\sigma(x),$ $x=\frac{\delta_0-\delta_b}{\beta},$
+$\dot\delta_b=\frac{\beta\,(x-\sigma(x))}{10\,\mathrm{ms}},$ $\sigma=\max(-1,\min(1,x)),$
+$\beta=\sqrt{b_L^2+(0.2\,\mathrm{mrad})^2}$.
+
+Confused with: ``steering_lag`` in quick steering and ``steering_offset`` in one-sided drives. The slope at zero is that
+of a very narrow play; ``grid`` has wider ones to start from.
 """
 
 from __future__ import annotations

@@ -1,7 +1,12 @@
-"""The steered wheels yield to their lateral force (Pacejka 2012, 1.2.2: steer compliance through the pneumatic trail).
+r"""The steered wheels yield to their lateral force (Pacejka 2012, 1.2.2: steer compliance through the pneumatic trail).
 
 The steering yields within ``YIELDING``, so that a tyre whose force follows at once from its slip makes no algebraic
 loop.
+
+Equation: $\delta = \delta_0 - c_L F_c,$ $\dot F_c = (F_{y,\delta}-F_c)/30\,\mathrm{ms}$.
+
+Confused with: stiffness and shape of the front tyre: on one axle a compliance *is* a smaller stiffness, but for its
+lag.
 """
 
 from __future__ import annotations

@@ -1,6 +1,13 @@
-"""The road wheels turn a fixed time after the steering wheel (second order, ``_lag.delay``).
+r"""The road wheels turn a fixed time after the steering wheel (second order, ``_lag.delay``).
 
 A channel that recorded the steering wheel late is a negative delay: the vehicle then seems to turn before its driver.
+
+Equation: $\delta =
+\frac{1+(\tfrac12-\rho)p+(\tfrac1{12}-\tfrac\rho2+\tfrac{\rho^2}2)p^2}{1+\tfrac12p+\tfrac1{12}p^2}\,\delta_0,$ $p=Bs,\
+\rho=\tau_\delta/B,\ B=\sqrt{\tau_\delta^2+(50\,\mathrm{ms})^2}$.
+
+Confused with: ``steering_lag`` (equal to first order; only fast steering tells them apart), and an equal delay of all
+sensors with the sign reversed.
 """
 
 from __future__ import annotations

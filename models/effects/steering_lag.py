@@ -1,4 +1,10 @@
-"""The road wheels follow the steering wheel behind a first-order lag (``_lag.lag`` for short time constants)."""
+r"""The road wheels follow the steering wheel behind a first-order lag (``_lag.lag`` for short time constants).
+
+Equation: $\delta = \frac{1+(B-T_\delta)s}{1+Bs}\,\delta_0,$ $B=\sqrt{T_\delta^2+(10\,\mathrm{ms})^2}$.
+
+Confused with: ``steering_delay``, the relaxation length of the steered axle, and discretisation error: integrate
+finely.
+"""
 
 from __future__ import annotations
 

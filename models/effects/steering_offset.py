@@ -1,4 +1,9 @@
-"""The steering wheel is not straight when the road wheels are: an offset of the road-wheel angle."""
+r"""The steering wheel is not straight when the road wheels are: an offset of the road-wheel angle.
+
+Equation: $\delta = \delta_L/i_L + \delta_0$.
+
+Confused with: ``road_bank``, ``tyre_force_offset`` of the steered axle, a bias of the yaw-rate sensor.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,10 @@
-"""The steering ratio is not what the parameters say."""
+r"""The steering ratio is not what the parameters say.
+
+Equation: $\delta = \frac{\delta_L/i_L}{1+\varepsilon_L}$.
+
+Confused with: the parameter ``steering_ratio``, ``sensor_gain`` of all yaw rates together, stiffness of the steered
+axle at one speed.
+"""
 
 from __future__ import annotations
 

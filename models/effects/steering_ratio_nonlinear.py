@@ -1,7 +1,12 @@
-"""The steering gear turns the wheels more, or less, at large angles than on centre (variable ratio, joint angles).
+r"""The steering gear turns the wheels more, or less, at large angles than on centre (variable ratio, joint angles).
 
 ``delta (1 + kappa x^2 / (1 + x^2))`` with ``x = delta / delta_c``: cubic on centre, a constant change of the ratio far
 from it, and monotonic for every ``kappa`` within bounds.
+
+Equation: $\delta = \delta_0\Big(1+\kappa_L\frac{x^2}{1+x^2}\Big),$ $x=\delta_0/\delta_c$.
+
+Confused with: the shape of the front tyre and ``steering_compliance``: all bend the response at large angles. Slow
+tight turns tell them apart.
 """
 
 from __future__ import annotations

@@ -1,4 +1,9 @@
-"""An axle has a lateral force at zero slip: conicity and ply steer, or wheels out of track (Pacejka 2012, ch. 4)."""
+r"""An axle has a lateral force at zero slip: conicity and ply steer, or wheels out of track (Pacejka 2012, ch. 4).
+
+Equation: $F_{0y} \to F_{0y} + \Delta F_y$.
+
+Confused with: ``steering_offset`` (steered axle), ``road_bank``, ``crosswind`` that lasts the whole drive.
+"""
 
 from __future__ import annotations
 

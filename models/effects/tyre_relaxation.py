@@ -1,7 +1,11 @@
-"""A tyre's lateral force builds up over a distance rolled (Pacejka 2012, 7.1; Ziaukas 2023, 4.7).
+r"""A tyre's lateral force builds up over a distance rolled (Pacejka 2012, 7.1; Ziaukas 2023, 4.7).
 
 It is for vehicles whose tyre force follows at once from the slip. A vehicle that has relaxing forces as states has
 their lengths as parameters, and this effect does not fit it.
+
+Equation: $F_y = \frac{1+(B-T)s}{1+Bs}F_{0y},$ $T=\ell_R/v_x$.
+
+Confused with: ``steering_lag`` for the steered axle.
 """
 
 from __future__ import annotations

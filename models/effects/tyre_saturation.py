@@ -1,8 +1,12 @@
-"""A tyre modelled as linear saturates: its force bends over to friction times load, as that of the brush tyre does.
+r"""A tyre modelled as linear saturates: its force bends over to friction times load, as that of the brush tyre does.
 
 Pacejka 2012, 3.2.1, with the linear force ``F`` in place of stiffness times slip and ``q = 1 / mu``: with ``s = q
 |F| / (3 F_z)`` the force is ``F (1 - s + s^2 / 3)`` up to ``s = 1`` and ``F_z / q`` beyond. It makes ``linear``
 equal ``brush``. A tyre that knows its capacity saturates already.
+
+Equation: $F_y = F\big(1-s+\tfrac13s^2\big),$ $s=\frac{q\,\lvert F\rvert}{3F_z}\le1;$ $F_y=\pm F_z/q \text{ beyond}$.
+
+Confused with: ``lateral_load_transfer`` and ``steering_compliance``, unless the drive nears the limit.
 """
 
 from __future__ import annotations

@@ -1,6 +1,10 @@
-"""The cornering stiffness of an axle drifts over the drive, as tyres warm up or lose pressure.
+r"""The cornering stiffness of an axle drifts over the drive, as tyres warm up or lose pressure.
 
 Exponential in time, so that it stays positive; over a drive short against ``1 / rate`` it is a straight line.
+
+Equation: $C_F \to C_F\,e^{\eta_C t}$.
+
+Confused with: a stiffness that is wrong, if the drive is short; friction and load that change with time.
 """
 
 from __future__ import annotations

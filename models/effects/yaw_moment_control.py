@@ -1,7 +1,12 @@
-"""Torque vectoring or stability control turns the steered body towards a yaw rate that suits speed and steering.
+r"""Torque vectoring or stability control turns the steered body towards a yaw rate that suits speed and steering.
 
 The reference is that of a steady single-track car, ``v delta / (L (1 + (v / v_ch)^2))`` (Rajamani 2012, ch. 8), the
 moment ``K (reference - yaw rate)``, without dead band and without limit.
+
+Equation: $M = K_r\Big(\frac{v_x\delta}{L\,(1+v_x^2/v_\mathrm{ch}^2)}-\dot\psi\Big)$.
+
+Confused with: yaw damping by the tyres: stiffness of both axles and yaw inertia together. $v_\mathrm{ch}$ has no slope
+while the gain is zero.
 """
 
 from __future__ import annotations

@@ -35,12 +35,15 @@ def test_every_estimator_has_a_page_with_its_settings():
 
 
 def test_the_library_of_effects_is_complete():
-    overview = (DOCS / "effects.md").read_text(encoding="utf-8")
+    page = (DOCS / "effects.md").read_text(encoding="utf-8")
+    overview = page.split("| where | effects |")[1].split("\n\n")[0]
     tables = reference.effects()
     for name in EFFECTS.names():
-        assert f"| `{name}` |" in overview, name
+        assert overview.count(f"`{name}`") == 1, name
         section = tables.split(f"### `{name}`\n")[1].split("\n### ")[0]
         parameters = EFFECTS.load(name).PARAMETERS
+        assert "\nEquation: $" in section, name
+        assert "\nConfused with: " in section, name
         rows = [row for row in section.splitlines() if row.startswith("| `")]
         assert [row.split("`")[1] for row in rows] == [p.name for p in parameters]
     assert "Fits `semitrailer`." in tables.split("### `kingpin_damping`")[1].split("###")[0]
