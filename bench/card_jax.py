@@ -24,7 +24,7 @@ from bench.peers.jax_numbers import JAX
 from bench.peers.problem import Equations, equations_of
 from harness.common.arrays import Floats
 from harness.engine.compile import CompiledModel
-from harness.estimation.contract import CompiledEstimator
+from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.study.compiled_study import in_a_row
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator

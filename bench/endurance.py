@@ -34,7 +34,8 @@ from harness.engine.kernel_names import (
     splat,
     sqrt,
 )
-from harness.estimation.contract import CompiledEstimator, kernels_of, load_estimator
+from harness.estimation.compiled_estimator import CompiledEstimator
+from harness.estimation.contract import kernels_of, load_estimator
 from harness.runner.contract import InputSeries
 from harness.runner.filter_loop import step, workspace, write_covariance
 from harness.runner.limits import outside
@@ -51,7 +52,7 @@ def endure(u, y, belief, first, limits, worst):
     """Run a filter on from a state, which is overwritten by the last one.
 
     Args:
-        u: InputSeries ``(samples, nu, LANES)``.
+        u: Inputs ``(samples, nu, LANES)``.
         y: Measurements ``(samples, ny, LANES)``.
         belief: ``harness.engine.kernel_names.Belief``.
         first: ``harness.engine.kernel_names.State``.

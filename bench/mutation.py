@@ -31,7 +31,7 @@ from harness.common.errors import UserError
 
 ROOT = Path(__file__).parents[1]
 CODE = (
-    "harness/common/statistics.py", "harness/study/sobol_indices.py", "harness/study/scores.py",
+    "harness/common/statistics.py", "harness/study/sobol_indices.py", "harness/study/score_names.py",
     "harness/estimation/methods/*.py", "harness/identification/input_effects.py", "harness/identification/objective.py",
     "harness/diagnosis/selection/*.py", "harness/recordings/check/*.py", "harness/recordings/motion/*.py",
     "harness/runner/*.py", "models/assembly/*.py", "models/effects/*.py",

@@ -16,7 +16,7 @@ from harness.common.arguments import Parser
 from harness.common.arrays import Floats
 from harness.engine.compile import CompiledModel, compile_model
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import CompiledEstimator
+from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.estimation.particle_smoother import mean_of, reweight, run_filter, simulate_backward
 from harness.models.assembly.assemble import assemble
 from harness.models.contracts import DriveContext

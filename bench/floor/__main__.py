@@ -18,7 +18,7 @@ from bench.floor.throughput import EXACT_NORMAL, throughput
 from harness.common.arguments import Parser
 from harness.engine import standard_normal
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import CompiledEstimator
+from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.simulation.simulate import CompiledSimulator
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator

@@ -13,7 +13,7 @@ from bench.timing import quickest
 from harness.engine.compile import load_source, paste
 from harness.engine.kernel_names import get, next_state, output, put, splat
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import CompiledEstimator
+from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.estimation.methods._drawing import normals
 from harness.estimation.methods._weighing import sum_up, weigh
 from harness.estimation.methods.particle import take

@@ -30,7 +30,7 @@ from bench.timing import quickest
 from harness.common.process import peak_memory_mib
 from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import CompiledEstimator
+from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.models.assembly.assemble import Model, assemble
 from harness.models.contracts import Parameter
 from harness.models.signals import Signal

@@ -8,7 +8,7 @@ import numpy as np
 
 from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import CompiledEstimator
+from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.models.assembly.assemble import Builder, assemble
 from harness.models.signals import Signal
 from harness.runner.contract import Held, InputSeries

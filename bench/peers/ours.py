@@ -9,7 +9,7 @@ import numpy as np
 
 from bench.peers.problem import UNIT, Problem
 from harness.common.arrays import Floats
-from harness.estimation.contract import CompiledEstimator
+from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.simulation.simulate import in_lanes
 
 

@@ -19,7 +19,7 @@ from bench.engine import mass_study
 from harness.common.arrays import Floats
 from harness.engine.compile import CompiledModel
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import CompiledEstimator
+from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
 from harness.study.run_noise import Case

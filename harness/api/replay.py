@@ -14,7 +14,7 @@ from harness.common.registry import closest
 from harness.config.alone import Change
 from harness.study.replay import Place, Replayed
 from harness.study.replayed import table
-from harness.study.scores import FLAGS, PER_RUN, PER_TARGET, STATUS
+from harness.study.score_names import FLAGS, PER_RUN, PER_TARGET, STATUS
 from harness.study.stored import Comparison, StoredRuns
 
 if TYPE_CHECKING:

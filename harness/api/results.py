@@ -17,7 +17,7 @@ from harness.common.units import scale
 from harness.models.quantities import quantity
 from harness.study.checksums import HISTORY
 from harness.study.results import StudyResults, read
-from harness.study.scores import FLAGS, PER_RUN, PER_TARGET, STATUS
+from harness.study.score_names import FLAGS, PER_RUN, PER_TARGET, STATUS
 
 if TYPE_CHECKING:
     from harness.api.replay import Replay, Replays

@@ -152,7 +152,7 @@ def _filled(template: str, name: str) -> str:
 
 def _channels(given: str, out: Path | None, console: Console) -> tuple[str, list[Path]]:
     """Propose a channel map of a recording, print what was guessed and why, and write it."""
-    from harness.recordings.read.proposal import propose
+    from harness.recordings.proposal.propose import propose
 
     proposal = propose(Path(given))
     called = Path(given.rstrip("/")).name.partition(".")[0]

@@ -25,7 +25,8 @@ from harness.cuda.lanes import upper_half as upper_half_on_card
 from harness.engine.kernel_names import Belief, State
 from harness.engine.simd.lanes import LANES
 from harness.engine.standard_normal import upper_half
-from harness.estimation.contract import CompiledEstimator, kernels_of, load_estimator
+from harness.estimation.compiled_estimator import CompiledEstimator
+from harness.estimation.contract import kernels_of, load_estimator
 from harness.runner import records
 from harness.runner.contract import Held
 from harness.runner.scores import SCORES
@@ -82,7 +83,7 @@ class Loaded(NamedTuple):
 class Simulated(NamedTuple):
     """Simulated runs on a card: inputs, truth and measurements ``(samples, n, runs)``, where each left its range.
 
-    InputSeries that all runs have in common are ``(samples, nu, 1)``.
+    Inputs that all runs have in common are ``(samples, nu, 1)``.
     """
 
     inputs: Any

@@ -23,7 +23,7 @@ from harness.engine.compile import CompiledModel
 from harness.engine.kernel_names import Belief, State
 from harness.engine.simd.functions import exp, maximum
 from harness.engine.simd.lanes import LANES, get, put, splat
-from harness.estimation.contract import CompiledEstimator
+from harness.estimation.compiled_estimator import CompiledEstimator
 
 _jit = njit(error_model="numpy", nogil=True)
 

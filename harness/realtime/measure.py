@@ -21,7 +21,8 @@ from harness.config import DesignSpec, Study
 from harness.engine.compile import CompiledModel, load_source, paste
 from harness.engine.kernel_names import Belief, Info, State
 from harness.engine.lane_kinds import in_one_lane
-from harness.estimation.contract import CompiledEstimator, kernels_of, load_estimator
+from harness.estimation.compiled_estimator import CompiledEstimator
+from harness.estimation.contract import kernels_of, load_estimator
 from harness.realtime import timed_loop
 from harness.realtime.outcome import PACES
 from harness.study.design import Unit

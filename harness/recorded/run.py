@@ -23,7 +23,7 @@ from harness.common.registry import closest
 from harness.config import InputSignal, ModelSpec
 from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import CompiledEstimator
+from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.identification.data import DriveData
 from harness.identification.innovations import Innovations
 from harness.identification.signal_noise import white_variance

@@ -1,8 +1,9 @@
 """Measured drives: ``load_recording`` turns a file and a channel map into the recording that a simulation writes.
 
-``readers`` know the file formats. ``read`` takes channels onto one time base and to one reference point, or proposes a
-channel map. ``motion`` holds the kinematics between the signals, and how far two of them agree. ``check`` explains
-disagreement and mends the map, ``smooth`` takes the noise from a signal, and ``noise_at_rest`` finds its covariance.
+``readers`` know the file formats. ``read`` takes channels onto one time base and to one reference point, ``proposal``
+proposes a channel map. ``motion`` holds the kinematics between the signals, and how far two of them agree. ``check``
+explains disagreement and mends the map, ``smooth`` takes the noise from a signal, and ``noise_at_rest`` finds its
+covariance.
 """
 
 from __future__ import annotations

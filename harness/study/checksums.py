@@ -20,7 +20,7 @@ import numpy as np
 
 from harness.common import places, stores
 from harness.common.errors import UserError
-from harness.study.scores import STATUS
+from harness.study.score_names import STATUS
 
 GROUP = "checksums"
 HISTORY = "history"

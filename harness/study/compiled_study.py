@@ -15,7 +15,7 @@ from harness.config import NOISE_SCALES, DesignSpec, ModelSpec, Study
 from harness.config.bounds import loading, settled
 from harness.engine.compile import CompiledModel, compile_model
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import CompiledEstimator
+from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.models.assembly.assemble import Model
 from harness.models.assembly.parameter_states import true_states
 from harness.models.contracts import DRIVE_INPUTS, Profile
@@ -131,7 +131,7 @@ class DriveInputs:
     """A drive ready to run.
 
     Attributes:
-        profile: InputSeries over time.
+        profile: Inputs over time.
         plant: As the plant reads them, ``(samples, nu, LANES)``.
         belief: What the estimators know, ``(samples, nu, LANES)``; NaN for what the plant supplies.
     """
@@ -149,7 +149,7 @@ class CompiledStudy:
 
     Attributes:
         signals: What the estimators tell of: targets first, then unknown inputs and what is drawn over time.
-        supplied: InputSeries of the belief that come from the vehicle itself, see ``supplied_inputs``.
+        supplied: Inputs of the belief that come from the vehicle itself, see ``supplied_inputs``.
         drives: In the order of the study.
         plant: The compiled plant; its signals are all that scores and estimators need of it, and its slip angles.
         truth_names: What is known of a simulated run: the plant's signals, then its parameters as the belief has them.

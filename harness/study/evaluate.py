@@ -13,7 +13,7 @@ from harness.common.arrays import Floats
 from harness.config import Study
 from harness.engine.simd.lanes import LANES
 from harness.engine.standard_normal import standard_normal
-from harness.estimation.contract import CompiledEstimator
+from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.runner.contract import Batch, Held, InputSeries, Signals
 from harness.runner.records import Scores, Scoring, Sums
 from harness.simulation.simulate import CompiledSimulator
@@ -29,7 +29,7 @@ from harness.study.compiled_study import (
 from harness.study.design import Unit, points
 from harness.study.noisy_inputs import NoisyInputs
 from harness.study.run_noise import Case, Cases, RunNoise, in_whole_batches
-from harness.study.scores import (
+from harness.study.score_names import (
     ESTIMATOR_DIVERGED,
     LOST_CONTROL,
     OK,

@@ -23,7 +23,7 @@ from harness.models.signals import SIGNALS
 from harness.study import checksums
 from harness.study.design import points, unit_counts, unit_shape
 from harness.study.provenance import code_state, commit, processor
-from harness.study.scores import FLAGS, LOST_CONTROL, MEANINGS, OVER_TIME, PENDING, PER_RUN, PER_TARGET, STATUS
+from harness.study.score_names import FLAGS, LOST_CONTROL, MEANINGS, OVER_TIME, PENDING, PER_RUN, PER_TARGET, STATUS
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -9,7 +9,7 @@ from harness.config import DesignSpec, Study
 from harness.engine.simd.lanes import LANES
 from harness.study.design import Unit, unit_shape
 from harness.study.evaluate import StudyEvaluator
-from harness.study.scores import PER_RUN, PER_TARGET
+from harness.study.score_names import PER_RUN, PER_TARGET
 
 LONG = 3600.0
 """s from which on a run is begun only where somebody agrees."""

@@ -15,7 +15,7 @@ from harness.common.lock import holder
 from harness.common.places import reached
 from harness.study import checksums, run_file, sealed_root
 from harness.study.checksums import Fault
-from harness.study.scores import ESTIMATOR_DIVERGED, PENDING, PLANT_DIVERGED, STATUS
+from harness.study.score_names import ESTIMATOR_DIVERGED, PENDING, PLANT_DIVERGED, STATUS
 from harness.study.verify import store_of
 
 _RECENT = 64

@@ -32,7 +32,7 @@ from harness.study.evaluate import StudyEvaluator
 from harness.study.motion import dead_reckoned, motion, published
 from harness.study.replayed import OverTime, dataset
 from harness.study.run_noise import Case
-from harness.study.scores import LOST_CONTROL
+from harness.study.score_names import LOST_CONTROL
 
 
 @dataclass(frozen=True)

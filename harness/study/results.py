@@ -20,7 +20,7 @@ from harness.common.units import registry
 from harness.models.quantities import Quantity, print_unit, quantity, words
 from harness.study import bound_file, run_file, sealed_root
 from harness.study.checksums import HISTORY, described, is_verifiable
-from harness.study.scores import ESTIMATOR_DIVERGED, LOST_CONTROL, OK, PENDING, PLANT_DIVERGED
+from harness.study.score_names import ESTIMATOR_DIVERGED, LOST_CONTROL, OK, PENDING, PLANT_DIVERGED
 
 _RUN_DIMS = ("band", "estimator", "drive", "sample", "repeat")
 

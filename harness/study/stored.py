@@ -19,7 +19,7 @@ from harness.models.quantities import listed
 from harness.study.differences import differences
 from harness.study.layout import root_attributes
 from harness.study.replay import Place, Replayed, Replayer
-from harness.study.scores import OVER_TIME, PENDING, STATUS
+from harness.study.score_names import OVER_TIME, PENDING, STATUS
 from harness.study.sealed_root import told_as_no_store
 from harness.study.verify import store_of
 

@@ -23,7 +23,7 @@ from harness.study.devices import device
 from harness.study.differences import differences
 from harness.study.evaluate import StudyEvaluator
 from harness.study.layout import root_attributes
-from harness.study.scores import OVER_TIME
+from harness.study.score_names import OVER_TIME
 from harness.study.store import STORE, place_of
 
 

@@ -14,7 +14,8 @@ from harness.config.roles import ESTIMATORS
 from harness.engine.compile import CompiledModel, compile_model
 from harness.engine.kernel_names import Info
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import CompiledEstimator, load_estimator
+from harness.estimation.compiled_estimator import CompiledEstimator
+from harness.estimation.contract import load_estimator
 from harness.runner.contract import Held, InputSeries
 from harness.runner.records import Scoring
 from harness.simulation.simulate import in_lanes, variances

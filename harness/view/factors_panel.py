@@ -31,7 +31,7 @@ from harness.study.report.ranking import limits_of, tolerances
 from harness.study.report.sections.over_time import AlongDrive
 from harness.study.report.sections.tolerance import value_at
 from harness.study.results import Design
-from harness.study.scores import PENDING
+from harness.study.score_names import PENDING
 from harness.view import looks
 from harness.view.boxes import RANKS, SCORES, unit_of
 from harness.view.factors import PARALLEL, Brush, Points, points_of, shares, varied

@@ -37,7 +37,7 @@ from harness.reporting.style import Look
 from harness.study.motion import published
 from harness.study.replay import Place, Replayed
 from harness.study.replayed import table
-from harness.study.scores import FATES, STATUS
+from harness.study.score_names import FATES, STATUS
 from harness.study.stored import StoredRuns
 from harness.view import looks, tables
 from harness.view.above import AboveFigure

@@ -10,7 +10,7 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.common.statistics import Interval, median_interval
-from harness.study.scores import OK
+from harness.study.score_names import OK
 from reproductions.box.points import Point
 from reproductions.box.studies import TARGETS
 from reproductions.campaign.claims import ANGLE, CLAIMS, EKF, FORCE, MATCHED, MEDIANS, NETWORK, THEIRS, UKF

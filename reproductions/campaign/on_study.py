@@ -12,7 +12,7 @@ from harness.reporting.document import Block, Linked, Section, Sheet
 from harness.reporting.style import percent
 from harness.study.report.analysis import Analysis
 from harness.study.results import StudyResults
-from harness.study.scores import PENDING
+from harness.study.score_names import PENDING
 from reproductions.campaign import box
 from reproductions.campaign.claims import CLAIMS, Finding
 from reproductions.campaign.results import REALTIME, Results

@@ -13,7 +13,7 @@ from harness.common.errors import UserError
 from harness.realtime import outcome
 from harness.study.report.analysis import Analysis
 from harness.study.results import Design, StudyResults, read
-from harness.study.scores import PENDING
+from harness.study.score_names import PENDING
 from harness.study.store import STORE
 from reproductions.campaign.claims import THEIRS
 

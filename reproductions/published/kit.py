@@ -12,7 +12,7 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.engine.compile import compile_model
-from harness.estimation.contract import CompiledEstimator
+from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.models.assembly.assemble import Model, assemble
 from harness.models.parameters import kit_2015a
 from harness.models.vehicles import scalar_example

@@ -10,7 +10,7 @@ from harness.common.arrays import Floats
 from harness.common.statistics import Interval, median_interval
 from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import CompiledEstimator
+from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.models.assembly.assemble import assemble
 from harness.models.parameters import kit_2015a
 from harness.simulation.simulate import in_lanes

@@ -26,7 +26,7 @@ from harness.realtime import outcome
 from harness.study.provenance import code_state, engine_hash
 from harness.study.results import StudyResults, read
 from harness.study.run import run_study
-from harness.study.scores import PENDING
+from harness.study.score_names import PENDING
 from harness.study.store import STORE
 from reproductions.campaign.box import Box
 from reproductions.campaign.box import read as read_box

@@ -16,7 +16,7 @@ from harness.diagnosis.result import study_gain as stage
 from harness.diagnosis.result.study_gain import StudyGain
 from harness.reporting.document import Picture, Sheet
 from harness.study.results import read
-from harness.study.scores import OK
+from harness.study.score_names import OK
 from support import synthetic
 
 ROOT = Path(__file__).parents[2]

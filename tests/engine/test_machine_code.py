@@ -11,7 +11,7 @@ from numba import njit, types
 
 from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES, get, put
-from harness.estimation.contract import CompiledEstimator
+from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.models.assembly.assemble import assemble
 from harness.runner.contract import Held, InputSeries
 from harness.runner.records import Scoring

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from harness.estimation.contract import CompiledEstimator
+from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.simulation.simulate import in_lanes
 from harness.testing.linear_filter import P0, Q, R, compiled_linear, drive_linear
 

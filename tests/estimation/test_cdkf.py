@@ -7,7 +7,7 @@ import sympy as sp
 from harness.common.errors import UserError
 from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import CompiledEstimator
+from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.estimation.methods import cdkf, st_cdkf
 from harness.simulation.simulate import in_lanes
 from harness.testing.small_vehicles import curved, linear

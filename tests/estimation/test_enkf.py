@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from harness.common.errors import UserError
-from harness.estimation.contract import CompiledEstimator
+from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.testing.estimators import Ground, step_through
 from harness.testing.linear_filter import P0, Q, R, compiled_linear, drive_linear, textbook
 

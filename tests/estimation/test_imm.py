@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from harness.common.errors import UserError
-from harness.estimation.contract import CompiledEstimator
+from harness.estimation.compiled_estimator import CompiledEstimator
 from support.oscillator import P0, STEP, VALUES, Q, R, compiled, drive, mass, push, run
 
 F = np.eye(3) + STEP * np.array([[0, 1, 0], [-4, -1.5, 1], [0, 0, 0]])

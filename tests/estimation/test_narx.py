@@ -12,7 +12,7 @@ from harness.config import load_drives
 from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
 from harness.estimation import narx_network as net
-from harness.estimation.contract import CompiledEstimator
+from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.estimation.methods import narx
 from harness.estimation.methods.narx import MEMORY, WIDTH, placed
 from harness.runner.contract import Held, InputSeries

@@ -6,7 +6,7 @@ import sympy as sp
 
 from harness.common.errors import ModelError, UserError
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import CompiledEstimator
+from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.models.assembly.assemble import assemble
 from harness.models.assembly.parameter_states import ParameterState, with_parameters
 from harness.models.contracts import Parameter

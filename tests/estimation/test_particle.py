@@ -11,7 +11,7 @@ from harness.config.specs import CountFrom
 from harness.engine.simd.gather import gather
 from harness.engine.simd.lanes import LANES, get, put
 from harness.engine.simd.random import generator_words
-from harness.estimation.contract import CompiledEstimator
+from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.runner.contract import Held, InputSeries
 from harness.runner.records import Scoring
 from harness.simulation.simulate import in_lanes

@@ -5,7 +5,7 @@ import pytest
 
 from harness.common.errors import UserError
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import CompiledEstimator
+from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.estimation.particle_smoother import (
     Clouds,
     mean_of,

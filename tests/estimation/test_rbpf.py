@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from harness.common.errors import UserError
-from harness.estimation.contract import CompiledEstimator
+from harness.estimation.compiled_estimator import CompiledEstimator
 from support.oscillator import P0, STEP, VALUES, Q, R, compiled, drive, mass, push, run
 
 F = np.eye(2) + STEP * np.array([[0, 1], [-4, -1.5]])

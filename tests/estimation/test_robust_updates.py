@@ -5,7 +5,7 @@ import pytest
 from scipy import integrate, optimize
 
 from harness.common.errors import UserError
-from harness.estimation.contract import CompiledEstimator
+from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.testing.estimators import Ground, step_through
 from harness.testing.linear_filter import P0, Q, R, compiled_linear, drive_linear
 

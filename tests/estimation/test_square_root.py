@@ -7,7 +7,7 @@ import pytest
 import sympy as sp
 
 from harness.engine.compile import compile_model
-from harness.estimation.contract import CompiledEstimator
+from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.models.assembly.assemble import assemble
 from harness.simulation.simulate import in_lanes
 from harness.testing.linear_filter import P0, STEP, Q, R, drive_linear

@@ -6,7 +6,7 @@ import sympy as sp
 
 from harness.common.errors import UserError
 from harness.engine.compile import compile_model
-from harness.estimation.contract import CompiledEstimator
+from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.estimation.methods.ukf import Settings, tuning
 from harness.testing.linear_filter import compiled_linear
 from harness.testing.small_vehicles import linear

@@ -14,7 +14,7 @@ from harness.common.errors import ModelError, UserError
 from harness.config import load_study
 from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import CompiledEstimator
+from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.models.assembly.assemble import assemble, symbol
 from harness.models.assembly.expressions import larger
 from harness.models.roles import PARAMETERS, VEHICLES

@@ -16,7 +16,7 @@ from harness.engine.compile import load_source
 from harness.engine.lane_kinds import in_one_lane
 from harness.engine.simd.lanes import LANES
 from harness.engine.simd.random import generator_words
-from harness.estimation.contract import CompiledEstimator
+from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.realtime.measure import Contestant, contestants, measure
 from harness.realtime.outcome import PACES, QUANTILES, _ratios, judge, published_ratio, read, write
 from harness.realtime.report import answer, report

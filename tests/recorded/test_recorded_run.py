@@ -6,7 +6,7 @@ import pytest
 from harness.common.errors import ModelError, UserError
 from harness.config import resolve_single
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import CompiledEstimator
+from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.identification.filtered_model import Candidates
 from harness.recorded.run import RecordedEstimator, RecordedModel
 from harness.simulation.simulate import in_lanes, variances

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from harness.common.errors import UserError
-from harness.recordings.read.column_names import read_name, unit_of
+from harness.recordings.proposal.column_names import read_name, unit_of
+from harness.recordings.proposal.propose import propose
 from harness.recordings.read.load import load_recording
-from harness.recordings.read.proposal import propose
 from support.further_header_tables import FURTHER
 from support.header_tables import DEVELOPED, FRESH, HELD_OUT
 from support.headers import judged

@@ -23,7 +23,7 @@ from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
 from harness.study.results import read
 from harness.study.run_noise import Case
-from harness.study.scores import ESTIMATOR_DIVERGED, OK, PLANT_DIVERGED
+from harness.study.score_names import ESTIMATOR_DIVERGED, OK, PLANT_DIVERGED
 from harness.study.tolerance import Tolerance
 from support import synthetic
 

@@ -20,7 +20,7 @@ from harness.study import cluster
 from harness.study.design import Unit
 from harness.study.provenance import code_state
 from harness.study.run import run_study
-from harness.study.scores import OK, PENDING
+from harness.study.score_names import OK, PENDING
 from harness.study.store import STORE
 from support.probe_study import STUDY, bits
 

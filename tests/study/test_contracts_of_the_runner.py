@@ -14,7 +14,7 @@ from harness.runner.records import EverySample
 from harness.study.design import units
 from harness.study.evaluate import StudyEvaluator
 from harness.study.run_noise import Case
-from harness.study.scores import ESTIMATOR_DIVERGED, OK, PLANT_DIVERGED, STATUS
+from harness.study.score_names import ESTIMATOR_DIVERGED, OK, PLANT_DIVERGED, STATUS
 
 CONTENT = {
     "name": "foreign",

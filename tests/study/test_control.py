@@ -11,7 +11,7 @@ from harness.study.design import Unit, units
 from harness.study.evaluate import StudyEvaluator
 from harness.study.replay import Place, Replayer
 from harness.study.run_noise import Case
-from harness.study.scores import LOST_CONTROL, OK, PLANT_DIVERGED
+from harness.study.score_names import LOST_CONTROL, OK, PLANT_DIVERGED
 
 SPIN = """
 name = "spin"

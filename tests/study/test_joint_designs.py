@@ -18,7 +18,7 @@ from harness.study.design import Unit, points, saltelli_points
 from harness.study.evaluate import StudyEvaluator
 from harness.study.run import run_study
 from harness.study.run_noise import Case
-from harness.study.scores import OVER_TIME
+from harness.study.score_names import OVER_TIME
 from harness.study.store import STORE
 from support.joint_study import HEAD, JOINT, LIMITS, NESTED, OVER
 from support.probe_study import STUDY, bits

@@ -14,7 +14,7 @@ from harness.study.report.analysis import Analysis, Findings
 from harness.study.report.opening import answer_in_short
 from harness.study.report.sections import answer, boxes, in_numbers, paired
 from harness.study.results import Design, StudyResults, read
-from harness.study.scores import ESTIMATOR_DIVERGED, PLANT_DIVERGED
+from harness.study.score_names import ESTIMATOR_DIVERGED, PLANT_DIVERGED
 from support import synthetic
 from support.report_parts import everything
 

@@ -26,7 +26,7 @@ from harness.study.report.sections import made
 from harness.study.results import read
 from harness.study.run import run_study
 from harness.study.run_noise import Case
-from harness.study.scores import (
+from harness.study.score_names import (
     FLAGS,
     OK,
     PENDING,
@@ -295,7 +295,7 @@ def test_each_history_is_stored_with_its_own_signals(study, evaluator, finished)
 def test_a_signal_without_truth_is_estimated_but_not_scored():
     from harness.engine.compile import compile_model
     from harness.engine.simd.lanes import LANES
-    from harness.estimation.contract import CompiledEstimator
+    from harness.estimation.compiled_estimator import CompiledEstimator
     from harness.simulation.simulate import in_lanes
     from harness.testing.small_vehicles import linear
 
@@ -322,7 +322,7 @@ def test_a_matched_filter_is_consistent():
 
     from harness.engine.compile import compile_model
     from harness.engine.simd.lanes import LANES
-    from harness.estimation.contract import CompiledEstimator
+    from harness.estimation.compiled_estimator import CompiledEstimator
     from harness.simulation.simulate import CompiledSimulator, in_lanes
     from harness.testing.small_vehicles import linear
 

@@ -6,7 +6,7 @@ import pytest
 from harness.config import load_study
 from harness.study.design import units
 from harness.study.evaluate import StudyEvaluator
-from harness.study.scores import ESTIMATOR_DIVERGED, OK, PLANT_DIVERGED
+from harness.study.score_names import ESTIMATOR_DIVERGED, OK, PLANT_DIVERGED
 from support.plugins import forget, register
 
 FILES = {

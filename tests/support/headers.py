@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from harness.common.errors import UserError
-from harness.recordings.read.proposal import Proposal, propose
+from harness.recordings.proposal.propose import Proposal, propose
 
 _FACTORS = {
     "s": 1.0, "us": 1e6, "ms": 1e3, "m": 1.0, "1": 1.0, "N*m": 1.0, "1/km": 1e3, "rad": 1.0, "deg": 180 / np.pi,

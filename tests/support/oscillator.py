@@ -3,7 +3,7 @@
 import numpy as np
 
 from harness.engine.compile import compile_model
-from harness.estimation.contract import CompiledEstimator
+from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.models.assembly.assemble import assemble
 from harness.models.assembly.parameter_states import ParameterState, is_logarithmic, with_parameters
 from harness.models.contracts import Parameter

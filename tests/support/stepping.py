@@ -3,7 +3,7 @@
 import numpy as np
 
 from harness.engine.compile import compile_model
-from harness.estimation.contract import CompiledEstimator
+from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.simulation.simulate import in_lanes
 
 

@@ -25,7 +25,7 @@ from harness.config.self_contained import without_files
 from harness.simulation.drives import profile_of
 from harness.study.results import Design, read
 from harness.study.run import run_study
-from harness.study.scores import OK
+from harness.study.score_names import OK
 from harness.study.store import STORE
 
 REPEATS = 8

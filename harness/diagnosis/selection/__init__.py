@@ -1,1 +1,1 @@
-"""Selection of effects: score tests, refits, acceptance on held-out drives."""
+"""Selection of effects: score tests, refits, acceptance on held-out drives, probabilities of hypotheses."""

@@ -32,7 +32,7 @@ from harness.config import ModelSpec
 from harness.engine.compile import compile_model, load_source, paste
 from harness.engine.kernel_names import LANES, NW, NX, NY, get, next_state, output, put, splat
 from harness.engine.simd.lanes import LANES as WIDTH
-from harness.estimation.contract import CompiledEstimator
+from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.estimation.particle_smoother import Transitions, run_filter, transitions
 from harness.identification.contract import Estimate, Fit, Problem
 from harness.identification.data import DriveData, started_by

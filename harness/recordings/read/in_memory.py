@@ -46,7 +46,7 @@ def tables_of(source: pd.DataFrame | xr.Dataset, mapped: bool) -> list[Table]:
     if not tables:
         raise UserError(f"{type(source).__name__}: holds no numeric column with a row of data")
     tables.sort(key=lambda t: -len(t.columns))
-    return tables if mapped else [_in_si(t, type(source).__name__) for t in tables]
+    return tables if mapped else [_signals_in_si(t, type(source).__name__) for t in tables]
 
 
 def _of_frame(frame: pd.DataFrame) -> list[Table]:
@@ -91,7 +91,7 @@ def _seconds(stamps: Any) -> Floats:
     return np.array(stamps, dtype=float)
 
 
-def _in_si(table: Table, what: str) -> Table:
+def _signals_in_si(table: Table, what: str) -> Table:
     """Return a table with every column that is named after a signal in SI units."""
     columns, units = dict(table.columns), dict(table.units)
     for name, unit in table.units.items():

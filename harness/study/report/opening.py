@@ -17,7 +17,7 @@ from harness.study.report.levels import NAMED, phrase
 from harness.study.report.overall import ALIKE, Standing, standings
 from harness.study.report.ranking import limits_of
 from harness.study.results import Design
-from harness.study.scores import PENDING
+from harness.study.score_names import PENDING
 
 _STEADY = 0.02
 

@@ -11,7 +11,7 @@ import numpy as np
 from harness.common.arrays import Floats
 from harness.study import sobol_indices
 from harness.study.results import Design
-from harness.study.scores import ESTIMATOR_DIVERGED
+from harness.study.score_names import ESTIMATOR_DIVERGED
 from harness.study.sobol_indices import Indices
 from harness.study.tolerance import Tolerance, tolerance
 

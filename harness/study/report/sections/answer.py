@@ -17,7 +17,7 @@ from harness.study.report.ranking import limits_of, tolerances
 from harness.study.report.sections import boxes, in_numbers, inputs, sensitivity, tolerance
 from harness.study.report.sections.history import inside
 from harness.study.results import Design
-from harness.study.scores import ESTIMATOR_DIVERGED, PENDING
+from harness.study.score_names import ESTIMATOR_DIVERGED, PENDING
 
 SURE = 0.5  # share within ± 2σ below which an estimator is over-confident
 

@@ -22,7 +22,7 @@ from harness.reporting.style import Look
 from harness.study.report.analysis import Analysis, Findings
 from harness.study.report.levels import NAMED, varied
 from harness.study.results import Design
-from harness.study.scores import PENDING
+from harness.study.score_names import PENDING
 
 UPRIGHT = 9  # levels whose labels fit side by side; more are turned
 _OPENING = 5.0  # inches of the first page that the answer in words leaves to a figure

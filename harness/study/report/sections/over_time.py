@@ -16,7 +16,7 @@ from harness.reporting.document import Block, Picture, Prose, plain
 from harness.study.report.analysis import Analysis
 from harness.study.report.ranking import Ranking
 from harness.study.results import Design
-from harness.study.scores import ESTIMATOR_DIVERGED, PENDING
+from harness.study.score_names import ESTIMATOR_DIVERGED, PENDING
 from harness.study.sobol_indices import sobol_indices
 
 _SHOWN = 4  # factors drawn

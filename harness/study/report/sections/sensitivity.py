@@ -15,7 +15,7 @@ from harness.reporting.document import Block, Bullets, Picture, Prose, Sheet, pl
 from harness.study.report.analysis import Analysis
 from harness.study.report.ranking import FEWEST, Ranking
 from harness.study.report.sections.tolerance import uncontrolled
-from harness.study.scores import ESTIMATOR_DIVERGED, PENDING
+from harness.study.score_names import ESTIMATOR_DIVERGED, PENDING
 from harness.study.sobol_indices import Indices
 
 DRIVING = 0.1

@@ -13,7 +13,7 @@ from harness.reporting.style import number, with_unit
 from harness.study.report.analysis import Analysis
 from harness.study.report.ranking import limits_of, tolerances
 from harness.study.results import Design, Factor
-from harness.study.scores import ESTIMATOR_DIVERGED, PENDING
+from harness.study.score_names import ESTIMATOR_DIVERGED, PENDING
 from harness.study.tolerance import Tolerance
 
 _ROW = 0.34

@@ -20,9 +20,9 @@ from harness.common.errors import UserError
 from harness.common.units import scale
 from harness.models.signals import SIGNALS
 from harness.recordings import readers
+from harness.recordings.proposal.column_names import TIME, read_name
+from harness.recordings.proposal.column_values import STATED, WORST, Guess, Motion, MotionPair, Witness, compared
 from harness.recordings.read.channels import is_measured
-from harness.recordings.read.column_names import TIME, read_name
-from harness.recordings.read.column_values import STATED, WORST, Guess, Motion, MotionPair, Witness, compared
 from harness.recordings.read.span import Span
 
 

@@ -18,7 +18,7 @@ from harness.common.errors import UserError
 from harness.common.files import toml_text
 from harness.models.signals import SIGNALS, TRUTH
 from harness.recordings import readers
-from harness.recordings.read.column_choice import (
+from harness.recordings.proposal.column_choice import (
     WHEELBASE,
     WHEELBASES,
     Chosen,
@@ -28,8 +28,8 @@ from harness.recordings.read.column_choice import (
     filled,
     seconds_of,
 )
-from harness.recordings.read.column_names import AXLE, Reading, read_name, unit_of
-from harness.recordings.read.column_values import (
+from harness.recordings.proposal.column_names import AXLE, Reading, read_name, unit_of
+from harness.recordings.proposal.column_values import (
     ALIKE,
     NOBODY,
     Guess,
