@@ -101,6 +101,10 @@ def test_the_clock_and_its_unit(recording, factor, unit, name):
     assert [(c, u) for c, u, _ in found.clocks] == [(name, unit)]
 
 
+def test_stamps_of_one_instant_are_compared_by_rows(recording):
+    assert propose(recording(time=1e-320 * np.arange(len(TIME)), yaw_rate=RATE)).guesses
+
+
 def test_a_stated_unit_counts_and_every_reason_is_given(recording, tmp_path):
     path = recording(**{"t": TIME, "Speed[km/h]": SPEED, "YawRate__[deg/s]": RATE, "Temp": TIME * 0, "Psi (deg)": RATE})
     found = propose(path)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from harness.common.errors import UserError
 from harness.recordings import load_recording
 from harness.recordings.read.clock import check_clock, steadied
 
@@ -68,3 +69,21 @@ def test_noise_stays_white_on_the_grid(stamps, tmp_path):
     loaded = load_recording(file, mapping)
     on_grid = loaded["yaw_rate"].to_numpy()[np.rint(instants / STEP).astype(int)[: len(instants) - 2]]
     assert on_grid == pytest.approx(read[: len(on_grid)], abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("stamps", "message"),
+    [
+        (1e306 * np.arange(100), r"stamps reach 9.9e\+307 s"),
+        (np.append(STEP * np.arange(199), 1e308), r"stamps reach 1e\+308 s"),
+        (-1e200 + 1e198 * np.arange(90), r"stamps reach 1e\+200 s"),
+        (1e17 + 100 * np.arange(200), "a step of 96 s is lost|a step of 112 s is lost"),
+    ],
+)
+def test_stamps_that_no_clock_gives_are_refused(stamps, message):
+    with pytest.raises(UserError, match=message):
+        check_clock(stamps, "file: 'time'")
+
+
+def test_nanoseconds_of_the_epoch_taken_for_seconds_are_a_clock():
+    assert check_clock(1.76e18 + 1e5 * np.arange(200), "file: 'time'").step == pytest.approx(1e5, abs=256)

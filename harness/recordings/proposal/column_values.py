@@ -149,6 +149,8 @@ _FREE = 0.7
 """Log odds that an agreement loses by each unit that had to be chosen."""
 _WINDOW = 1.0
 """s over which motions are averaged before they are compared."""
+_INSTANT = 1e-9
+"""s; stamps that are no further apart are of one instant."""
 _ROWS = 25
 """Rows that are averaged where there is no clock."""
 _EARTH = 6.371e6
@@ -211,7 +213,7 @@ class Motion:
         self._clocks = clocks
         self._kept: dict[tuple[str, int], Floats] = {}
         steps = np.empty(0) if clocks[0] is None else np.diff(clocks[0])
-        steps = steps[steps > 0]
+        steps = steps[steps > _INSTANT]
         self._window = max(1, round(_WINDOW / float(np.median(steps)))) if len(steps) else _ROWS
         self._every = max(1, self._window // 4)
 

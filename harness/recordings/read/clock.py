@@ -23,6 +23,10 @@ _OUT_OF_ORDER = 0.01
 """Share of the stamps that may stand still or jump back; with more of them the clock is unusable."""
 _SAME = 1e-9
 """s; stamps that are no further apart are of one instant: no recorder takes two samples within it."""
+_LATEST = 1e24
+"""s; no clock counts so far, nor from so long ago, even if its nanoseconds are taken for seconds."""
+_RESOLVED = 64.0
+"""Distances of neighbouring floating-point numbers that a step must span, or rounding makes the stamps jitter."""
 _STOPS = 3
 """Values that a quantity between stops returns to: one at either side and one between."""
 _SHORT = 4
@@ -84,7 +88,16 @@ def check_clock(stamps: Floats, where: str, own_rows: NDArray[np.intp] | None = 
             )
         warnings.append(f"{where}: {bad.size} rows left out whose stamp is missing, repeats or jumps back ({evidence})")
     kept, of_file = (time[rows], own[rows]) if bad.size else (time, own)
-    return Clock(kept, of_file, float(np.median(np.diff(kept))), tuple(warnings))
+    furthest = max(kept[-1], -kept[0])
+    if furthest > _LATEST:
+        raise UserError(f"{where}: stamps reach {furthest:.3g} s; is this the column of the time, in its unit?")
+    step = float(np.median(np.diff(kept)))
+    if step < _RESOLVED * np.spacing(furthest):
+        raise UserError(
+            f"{where}: a step of {step:.3g} s is lost in the digits of stamps of {furthest:.3g} s; is the unit right? "
+            "Else export the time since the start"
+        )
+    return Clock(kept, of_file, step, tuple(warnings))
 
 
 def updates(values: Floats) -> tuple[Mask, int]:
