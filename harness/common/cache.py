@@ -11,6 +11,7 @@ import hashlib
 import io
 import json
 import os
+import stat
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, TypeVar
@@ -77,6 +78,8 @@ def _refuse_others(folder: str, name: str) -> None:
             status = os.stat(path)
         except OSError:  # gone meanwhile, or none yet
             continue
+        if path == folder and not (stat.S_ISDIR(status.st_mode) or stat.S_ISREG(status.st_mode)):
+            raise UserError(f"{folder}: is no folder; set {name} to a folder of your own (docs/cluster.md)")
         if status.st_uid not in (os.geteuid(), 0):
             raise UserError(
                 f"{path}: belongs to another user, and what the cache of compiled kernels holds is run; set {name} to "

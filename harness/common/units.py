@@ -221,6 +221,8 @@ def _parse(text: str, unit: str, where: str) -> float:
         raise UserError(
             f"{where}: {text!r} does not fit; a quantity{_in(unit)} is expected, e.g. '{example}'{gram}"
         ) from None
+    except UserError:  # of the cache of units
+        raise
     except Exception as error:
         # pint raises its own errors, the tokenizer's and plain arithmetic ones.
         raise UserError(

@@ -92,6 +92,18 @@ class TestOthers:
         with pytest.raises(UserError, match=r"belongs to another user, .* set HARNESS_CACHE to a folder of your own"):
             cache.cache_folder()
 
+    def test_a_device_is_no_cache_and_nobody_is_told_to_close_it(self, monkeypatch):
+        monkeypatch.setenv("HARNESS_CACHE", os.devnull)
+        with pytest.raises(UserError, match=f"^{os.devnull}: is no folder; set HARNESS_CACHE"):
+            cache.cache_folder()
+
+    def test_a_refused_cache_is_not_said_of_a_quantity(self, filled):
+        filled.chmod(0o777)
+        units.registry.cache_clear()
+        with pytest.raises(UserError, match=f"^{filled}: others may write to it"):
+            units.to_si("9.25 km/h", "m/s", "speed")
+        units.registry.cache_clear()
+
     def test_the_cache_of_numba_is_looked_at_too(self, folder, tmp_path, monkeypatch):
         (tmp_path / "numba").mkdir()
         (tmp_path / "numba").chmod(0o777)
