@@ -45,7 +45,7 @@ def write_files(folder: Path, contents: Mapping[str, str | bytes]) -> list[Path]
     Raises:
         UserError: If the folder cannot be written to, or a pipe or a device is in the place of a file.
     """
-    written = []
+    written, path = [], folder
     refuse_url(folder)
     try:
         if places.is_url(folder):
@@ -54,13 +54,14 @@ def write_files(folder: Path, contents: Mapping[str, str | bytes]) -> list[Path]
             return [folder / name for name in contents]
         folder.mkdir(parents=True, exist_ok=True)
         for name, content in contents.items():
-            refuse_special(folder / name)
+            path = folder / name
+            refuse_special(path)
             # one name, so that a process that is killed leaves one at most
-            with places.unfinished(folder / name, f"{name}.part") as stream:
+            with places.unfinished(path, f"{name}.part") as stream:
                 stream.write(_as_bytes(content))
-            written.append(folder / name)
+            written.append(path)
     except OSError as error:
-        raise UserError(f"{folder}: cannot be written: {error.strerror or error}") from None
+        raise UserError(f"{path}: cannot be written: {error.strerror or error}") from None
     return written
 
 

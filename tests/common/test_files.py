@@ -154,3 +154,9 @@ def test_a_pipe_is_not_written_to(tmp_path):
             write_files(tmp_path, {name: "ours"})
         with pytest.raises(UserError, match="is no file but a pipe or a device; name a file"):
             check_target(tmp_path / name)
+
+
+def test_the_file_that_cannot_be_written_is_named(tmp_path):
+    (tmp_path / "report.pdf").mkdir()
+    with pytest.raises(UserError, match=r"report\.pdf: cannot be written"):
+        write_files(tmp_path, {"report.html": "ours", "report.pdf": "ours"})
