@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import errno
 import logging
+import os
 import platform
 import re
 import shlex
@@ -102,7 +103,17 @@ def answered(error: Exception | KeyboardInterrupt, output: Path | None = None, i
         return _say(
             "error", f"{str(error).removeprefix('Symlink loop from ')} is a link that leads back to itself", WRONG
         )
+    if isinstance(error, FileNotFoundError) and not _has_working_directory():
+        return _say("error", "the working directory is gone; change to a folder that there is", WRONG)
     return _fault(error, output)
+
+
+def _has_working_directory() -> bool:
+    """Return whether the folder in which the command was started is there still."""
+    try:
+        return bool(os.getcwd())
+    except FileNotFoundError:
+        return False
 
 
 @contextmanager
@@ -153,6 +164,9 @@ def _fault(error: Exception, output: Path | None) -> int:
         return _say("failed", f"{about}{error.strerror}", FAILED)
     own = own_code(error.__traceback__)
     why = f"{type(error).__name__}: {' '.join(str(error).split())}"[:300]
+    if not own and (library := _imported_library(error.__traceback__)):
+        remedy = "set the environment variable right that it reads as it is imported, or install it again"
+        return _say("failed", f"{library} cannot be imported: {why}; {remedy}", FAILED)
     kept = write_crash(error, output)
     kept_in = f"the traceback is in {kept}" if kept else "the traceback could not be written (--debug shows it)"
     if own:
@@ -176,6 +190,13 @@ def own_code(trail: TracebackType | None) -> str:
         if str(frame.f_globals.get("__name__", "")).partition(".")[0] in ours:
             place = f"{frame.f_code.co_filename} line {line}"
     return place
+
+
+def _imported_library(trail: TracebackType | None) -> str:
+    """Return the library whose import was under way in a traceback; empty if the import was of ours, or none was."""
+    modules = [frame.f_globals for frame, _ in traceback.walk_tb(trail) if frame.f_code.co_name == "<module>"]
+    name = str(modules[-1].get("__name__", "")).partition(".")[0] if modules else ""
+    return "" if name in ("harness", "__main__") else name
 
 
 def stage_of(trail: TracebackType | None) -> str:

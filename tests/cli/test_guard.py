@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import importlib
 import logging
 import os
 import shlex
@@ -51,6 +52,26 @@ def test_what_is_no_fault_leaves_no_file(tmp_path, capsys, error, status, said):
     assert guard.guarded(raising(error), tmp_path) == status
     assert capsys.readouterr() == ("", said)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a working directory cannot be removed")
+def test_a_working_directory_that_is_gone_is_said(tmp_path, monkeypatch, capsys):
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    assert guard.guarded(os.getcwd) == 2
+    assert "working directory is gone" in capsys.readouterr().err
+
+
+def test_a_library_that_cannot_be_imported_is_no_fault_of_ours(tmp_path, monkeypatch, capsys):
+    (tmp_path / "threaded").mkdir()
+    (tmp_path / "threaded" / "__init__.py").write_text("import os\nint(os.environ['THREADS_OF_MINE'])\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("THREADS_OF_MINE", "many")
+    out = tmp_path / "out"
+    assert guard.guarded(lambda: importlib.import_module("threaded"), out) == 1
+    assert capsys.readouterr().err.startswith("failed: threaded cannot be imported: ValueError: invalid literal")
+    assert not out.exists()
 
 
 @pytest.mark.parametrize(
