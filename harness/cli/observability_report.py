@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -23,6 +22,7 @@ from harness.config.bounds import loading_parameters, quantity
 from harness.estimation.information import TOLD_APART, parameter_information
 from harness.estimation.observability import delays, structural_observability, synthetic_manoeuvre
 from harness.models.contracts import Profile
+from harness.reporting.style import drawing
 
 BLUE, ORANGE, GREEN, VERMILLION, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#999999"  # Okabe-Ito
 
@@ -34,7 +34,7 @@ def plot(dataset: xr.Dataset) -> Figure:
         dataset: Result of ``structural_observability``.
     """
     time, states = dataset["time"].to_numpy(), dataset["state"].to_numpy()
-    with mpl.rc_context({"font.size": 9, "lines.linewidth": 1.0, "axes.linewidth": 0.6, "svg.fonttype": "path"}):
+    with drawing({"font.size": 9, "lines.linewidth": 1.0, "axes.linewidth": 0.6, "svg.fonttype": "path"}):
         figure = Figure(figsize=(6.3, 6.0), layout="constrained")
         axes = figure.subplots(3, 1, sharex=True, height_ratios=[2, 2, 0.25 * len(states)])
         _draw_drive(axes[0], dataset)

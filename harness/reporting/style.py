@@ -8,7 +8,7 @@ import json
 import math
 import re
 import textwrap
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -194,10 +194,15 @@ def in_unit(unit: str) -> str:
     return f" in {unit}" if unit else ""
 
 
-def drawing() -> AbstractContextManager[None]:
-    """Return the context in which figures are made."""
-    settings: Any = RC  # matplotlib types the keys one by one
-    return mpl.rc_context(settings)
+def drawing(settings: Mapping[str, Any] = RC) -> AbstractContextManager[None]:
+    """Return the context in which figures are made: matplotlib's defaults with some settings.
+
+    Those of a ``matplotlibrc`` do not count: the working directory may hold somebody's, which can have LaTeX started.
+    """
+    mended: Any = {
+        key: value for key, value in mpl.rcParamsDefault.items() if key != "backend" and mpl.rcParams[key] != value
+    }
+    return mpl.rc_context(mended | dict(settings))
 
 
 def figure(height: float, **layout: Any) -> Figure:

@@ -5,6 +5,7 @@ import itertools
 import re
 from types import SimpleNamespace
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.backends.backend_svg import RendererSVG
@@ -89,3 +90,10 @@ def test_the_error_is_shown_without_the_noise_of_the_sensor(monkeypatch):
     assert np.nanmean(lines[1][122:]) == pytest.approx(0.0, abs=0.004)
     assert np.nanstd(lines[1]) == pytest.approx(0.1 / 10, rel=0.2)  # of means over 100 samples
     assert np.isnan(lines[0]).sum() == 4
+
+
+def test_figures_do_not_depend_on_a_matplotlibrc():
+    """It may be somebody's, in the working directory, and have LaTeX started."""
+    with mpl.rc_context({"text.usetex": True, "axes.facecolor": "red"}), style.drawing():
+        assert not mpl.rcParams["text.usetex"]
+        assert mpl.rcParams["axes.facecolor"] == mpl.rcParamsDefault["axes.facecolor"]
