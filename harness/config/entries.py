@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -147,11 +147,12 @@ def estimator_specs(tables: list[EstimatorTable], folder: Path, problems: Proble
     return specs
 
 
-def refuse_twice(names: list[str], table: str, key: str, problems: Problems) -> None:
-    """Note every name that an earlier entry of a list of tables has already."""
+def refuse_twice(names: list[str], table: str, key: str, problems: Problems, alike: Callable[[str], str] = str) -> None:
+    """Note every name that an earlier entry of a list of tables has already, or one that ``alike`` makes equal."""
+    keys = [alike(name) for name in names]
     for i, name in enumerate(names):
-        if name in names[:i]:
-            first = names.index(name)
+        if keys[i] in keys[:i]:
+            first = keys.index(keys[i])
             problems.add(f"{table}[{i}].{key}", f"'{name}' is the name of {table}[{first}] already; choose another")
 
 

@@ -135,6 +135,10 @@ def _resolve_tables(raw: StudyFile, path: Path) -> Study:
     return _resolve(raw, text, path)
 
 
+_TAKEN = {"history": "the runs over time", "checksums": "those of its files", "zarr.json": "what it is"}
+"""Names in a store that no design can have, and what is there."""
+
+
 def _resolve(raw: StudyFile, text: str, path: Path) -> Study:
     """Check what a study says and return it with all defaults and units resolved."""
     problems = Problems(str(path))
@@ -146,10 +150,11 @@ def _resolve(raw: StudyFile, text: str, path: Path) -> Study:
     drives = drives_of(raw, folder, problems)
     estimators, rule = with_tuning(raw.tuning, estimator_specs(raw.estimator, folder, problems), folder, problems)
     designs: list[DesignSpec] = []
-    refuse_twice([d.name for d in raw.design], "design", "name", problems)
+    refuse_twice([d.name for d in raw.design], "design", "name", problems, str.casefold)  # they become folders
     for i, entry in enumerate(raw.design):
-        if entry.name == "history":
-            problems.add(f"design[{i}].name", "'history' is where the store keeps the runs over time; choose another")
+        if entry.name.casefold() in _TAKEN:
+            holds = _TAKEN[entry.name.casefold()]
+            problems.add(f"design[{i}].name", f"'{entry.name}' is where the store keeps {holds}; choose another")
     if plant is not None and belief is not None:
         _check_pair(plant, belief, raw, problems)
         for i, table in enumerate(raw.design):
