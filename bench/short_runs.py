@@ -102,7 +102,7 @@ class _Clock:
         simulator.loops[record.names] = self.timed("kernels", simulator.loop(record))
         estimators: list[Any] = list(made.compiled.estimators)
         for each in estimators:
-            timed = self.timed("kernels", each._kernels.estimate)
+            timed = self.timed("kernels", each.loop)
             each._kernels = SimpleNamespace(**{**vars(each._kernels), "estimate": timed})
         drawn = SimpleNamespace(fill=self.timed("noise", standard_normal._compiled().fill))
         standard_normal._compiled = lambda: drawn

@@ -35,7 +35,7 @@ from harness.models.assembly.assemble import Model, assemble
 from harness.models.contracts import Parameter
 from harness.models.signals import Signal
 from harness.runner.contract import Held, InputSeries, Signals
-from harness.runner.records import Scoring
+from harness.runner.scores import Scoring
 from harness.simulation.simulate import CompiledSimulator, in_lanes
 
 STEP, SAMPLES, STATES, ROUNDS = 0.01, 200, 10, 5

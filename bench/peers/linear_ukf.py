@@ -12,7 +12,7 @@ from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.models.assembly.assemble import Builder, assemble
 from harness.models.signals import Signal
 from harness.runner.contract import Held, InputSeries
-from harness.runner.records import Scoring
+from harness.runner.scores import Scoring
 from harness.simulation.simulate import in_lanes
 from harness.testing.small_vehicles import module
 

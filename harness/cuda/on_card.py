@@ -27,9 +27,9 @@ from harness.engine.simd.lanes import LANES
 from harness.engine.standard_normal import upper_half
 from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.estimation.contract import kernels_of, load_estimator
-from harness.runner import records
 from harness.runner.contract import Held
-from harness.runner.scores import SCORES
+from harness.runner.filter_loop import BATCH
+from harness.runner.scores import SCORES, Compared, Sums, comparison
 from harness.runner.simulation_loop import SIMULATION
 from harness.simulation.simulate import largest
 from harness.study.compiled_study import in_a_row, parameter_truth
@@ -112,7 +112,7 @@ class Computed(NamedTuple):
     """What comes back of them: where each run left its range, and the sums of each estimator."""
 
     left_at: Floats
-    sums: Sequence[records.Sums]
+    sums: Sequence[Sums]
 
 
 Scored = tuple[Unit, dict[str, NDArray[np.generic]]]
@@ -151,7 +151,7 @@ class CardEvaluator:
                 f"estimate_{kind}",
                 loops.estimate_runs,
                 compiled.belief,
-                kernels_of(load_estimator(kind), parameters=within) | SCORES,
+                kernels_of(load_estimator(kind), parameters=within) | BATCH | SCORES,
             )
             for kind in dict.fromkeys(each.kind for each in study.estimators)
         }
@@ -260,7 +260,7 @@ class CardEvaluator:
         for part in prepared.parts:
             result, own = evaluator.pending(part.unit), slice(start, start + len(part.cases))
             for e, totals in enumerate(sums):
-                scores = records.Sums(totals.errors[..., own], totals.per_run[:, own], totals.stated).scores()
+                scores = Sums(totals.errors[..., own], totals.per_run[:, own], totals.stated).scores()
                 evaluator.enter(result, part.unit, e, left_at[own], scores)
             start += -(-len(part.cases) // LANES) * LANES
             yield part.unit, result
@@ -367,9 +367,9 @@ class CardEvaluator:
         assert isinstance(estimator, CompiledEstimator)
         return estimator
 
-    def _compared(self, e: int) -> records.Compared:
+    def _compared(self, e: int) -> Compared:
         evaluator = self._evaluator
-        return records.compared(self._estimator(e), evaluator.compiled.truth_names, evaluator.first_scored)
+        return comparison(self._estimator(e), evaluator.compiled.truth_names, evaluator.first_scored)
 
     def estimate(self, e: int, simulated: Simulated, begun: Begun) -> tuple[Any, Any]:
         """Run an estimator; return the sums of ``Sums`` on the card."""
@@ -385,12 +385,12 @@ class CardEvaluator:
         )  # fmt: skip
         return errors, per_run
 
-    def sums(self, e: int, on_card: tuple[Any, Any]) -> records.Sums:
+    def sums(self, e: int, on_card: tuple[Any, Any]) -> Sums:
         """Return sums that lie on the card."""
         errors, per_run = (each.copy_to_host() for each in on_card)
         if (without := self._compared(e).without) is not None:
             errors[:, without] = np.nan
-        return records.Sums(errors, per_run, self._estimator(e).has_covariance)
+        return Sums(errors, per_run, self._estimator(e).has_covariance)
 
 
 def _sent(array: NDArray[np.generic]) -> Any:

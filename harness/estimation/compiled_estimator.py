@@ -5,22 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, cast
+from types import ModuleType
+from typing import Any
 
 import numpy as np
 from numba.core.dispatcher import Dispatcher
 
-from harness.common.arrays import Floats, batches
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.engine.compile import CompiledModel, load_source, paste
 from harness.engine.kernel_names import Belief, Info, State
 from harness.engine.simd.lanes import LANES
 from harness.estimation.contract import kernels_of, load_estimator
-from harness.runner.contract import Held, History, InputSeries, Kept, Ports, Record
+from harness.runner.contract import Held, InputSeries, Kept, Ports, Record, Recorder
 from harness.runner.filter_loop import BATCH, RECORDING
-from harness.runner.history import HISTORY, follow_filter
-from harness.runner.records import EverySample, Scoring, Sums
-from harness.runner.scores import SCORES, estimate
+from harness.runner.scores import Scoring
 
 
 class CompiledEstimator:
@@ -35,13 +34,11 @@ class CompiledEstimator:
 
     Attributes:
         tuning, priors: As in ``Belief``.
-        limits: As in ``harness.runner.scores.estimate``.
+        limits: Largest magnitude of each state ``(nx,)``.
 
     Raises:
         UserError: If a setting does not fit, or the estimator not the model.
     """
-
-    in_lanes = True
 
     def __init__(
         self,
@@ -79,22 +76,28 @@ class CompiledEstimator:
             self._first_memory = partial(file.first_memory, chosen, compiled.nx, compiled.ny)
         else:
             self._memory_size = int(file.memory_size(chosen, compiled))
-        scoring = self._made_of(uncertain) | SCORES
-        self._kernels = load_source(f"estimate_{kind}", paste(compiled, kind, [estimate], scoring))
-        self._following: dict[bool, Dispatcher] = {}
+        self._modules: dict[tuple[Callable[..., None], bool], ModuleType] = {}
+        self._kernels = self._module(Scoring.recorder, recorded=False)
         first = compiled.model.start_variance
         sizes = [[first[s], 1.0 if s in compiled.model.relative else first[s]] for s in compiled.model.within]
         self.priors = np.reshape(np.array(sizes, dtype=float), (-1, 2))
         self.limits = compiled.model.limits
         self._no_errors = np.empty((1, compiled.nu, 0, LANES))
 
-    def _made_of(self, uncertain: bool) -> dict[Any, Any]:
-        return kernels_of(self._file, uncertain, parameters=bool(self.compiled.model.within))
+    def _module(self, recorder: Recorder, recorded: bool) -> ModuleType:
+        """Return the estimator's kernels with a recorder's, and the reader of a batch or of a recording."""
+        name = recorder.loop.__name__
+        if (recorder.loop, recorded) not in self._modules:
+            kernels = kernels_of(self._file, self._uncertain or recorded, parameters=bool(self.compiled.model.within))
+            kernels |= (RECORDING if recorded else BATCH) | dict(recorder.kernels)
+            source = paste(self.compiled, f"{name} of {self.kind}", [recorder.loop], kernels)
+            self._modules[recorder.loop, recorded] = load_source(f"{name}_{self.kind}", source)
+        return self._modules[recorder.loop, recorded]
 
     @property
     def loop(self) -> Dispatcher:
-        """The compiled loop over time, the same for all settings."""
-        return self._kernels.estimate
+        """The compiled loop over time that scores, the same for all settings."""
+        return getattr(self._kernels, Scoring.recorder.loop.__name__)
 
     def init(self, mean: Floats, variance: Floats, seeds: Sequence[np.random.SeedSequence] | None = None) -> State:
         """Return the first state.
@@ -146,72 +149,21 @@ class CompiledEstimator:
         return belief, self.init(held.first, variance, held.seeds)
 
     def run(self, inputs: InputSeries, measurements: Floats, held: Held, record: Record[Kept]) -> Kept:
-        """Run over batches or a recording, see ``harness.runner.contract.Filter``.
-
-        Raises:
-            TypeError: If no kernel records what is asked for.
-        """
+        """Run over batches or a recording, see ``harness.runner.contract.Filter``; the record says what kernels do."""
         belief, first = self.begin(held)
-        if isinstance(record, Scoring):
-            return cast(Kept, self._scored(inputs, measurements, belief, first, record))
-        if isinstance(record, EverySample):
-            return cast(Kept, self._followed(inputs, measurements, belief, first, record))
-        raise TypeError(f"no kernel records {type(record).__name__}")
+        source, belief = self._source(inputs, measurements, belief)
+        module = self._module(record.recorder, recorded=inputs.effects is not None)
+        loop = getattr(module, record.recorder.loop.__name__)
+        return record.run(loop, source, belief, first, self.limits, self)
 
-    def _scored(self, inputs: InputSeries, measurements: Floats, belief: Belief, first: State, record: Scoring) -> Sums:
-        source, belief = self._source(inputs, belief)
-        rows, without, options, bounds = record.compared(self)
-        samples, targets, lead = record.truth.shape[-3], len(self.signals), record.truth.shape[:-3]
-        sums, per_run = np.empty((*lead, 3, targets, LANES)), np.empty((*lead, 10, LANES))
-        kept = np.empty((*lead, samples if record.keep else 0, 2, targets, LANES))
-        self._kernels.estimate(
-            tuple(batches(each, dimensions) for each, dimensions in zip(source, (3, 3, 4, 4), strict=True)),
-            batches(measurements, 3),
-            batches(record.truth, 3),
-            rows,
-            record.until.reshape(-1, 1, LANES),
-            belief._replace(
-                constants=batches(belief.constants, 2),
-                process_noise=batches(belief.process_noise, 2),
-                measurement_noise=batches(belief.measurement_noise, 2),
-            ),
-            State(batches(first.mean, 2), batches(first.covariance, 3), batches(first.memory, 2)),
-            self.limits,
-            options,
-            bounds,
-            batches(sums, 3),
-            batches(per_run, 2),
-            batches(kept, 4),
-        )
-        if without is not None:
-            sums[..., without, :] = np.nan
-        if record.keep:
-            kept[..., ~self.gives, :] = np.nan
-        return Sums(sums, per_run, self.has_covariance, kept if record.keep else None)
-
-    def _followed(
-        self, inputs: InputSeries, measurements: Floats, belief: Belief, first: State, record: EverySample
-    ) -> History:
-        recorded, history = inputs.effects is not None, record.room(len(measurements), self)
-        if inputs.effects is not None:
-            source: tuple[Any, ...] = (inputs.at, inputs.between, measurements, inputs.effects)
-            belief = belief._replace(input_errors=np.zeros((*inputs.effects.shape[1:], LANES)))
-        else:
-            series, belief = self._source(inputs, belief)
-            source = *series, measurements
-        if recorded not in self._following:
-            reader = (RECORDING if recorded else BATCH) | HISTORY
-            kernels = self._made_of(self._uncertain or recorded) | reader
-            pasted = paste(self.compiled, f"follow_{self.kind}", [follow_filter], kernels)
-            self._following[recorded] = load_source(f"follow_{self.kind}", pasted).follow_filter
-        self._following[recorded](source, belief, first, self.limits, record.rows, tuple(vars(history).values()))
-        return history
-
-    def _source(self, inputs: InputSeries, belief: Belief) -> tuple[tuple[Floats, Floats, Floats, Floats], Belief]:
-        """Return inputs of batches as a reader takes them, and a belief with room for what their errors do."""
+    def _source(self, inputs: InputSeries, measurements: Floats, belief: Belief) -> tuple[tuple[Any, ...], Belief]:
+        """Return what a reader reads from, and a belief with room for what errors of the inputs do."""
         between = inputs.at if inputs.between is None else inputs.between
+        if inputs.effects is not None:
+            room = np.zeros((*inputs.effects.shape[1:], LANES))
+            return (inputs.at, between, measurements, inputs.effects), belief._replace(input_errors=room)
         if inputs.errors_between is None or inputs.errors_at is None:
-            return (inputs.at, between, self._no_errors, self._no_errors), belief
+            return (inputs.at, between, self._no_errors, self._no_errors, measurements), belief
         room = np.zeros((self.compiled.nx + self.compiled.ny, inputs.errors_at.shape[-2], LANES))
-        errors = inputs.errors_between, inputs.errors_at
-        return (inputs.at, between, *errors), belief._replace(input_errors=room)
+        source = inputs.at, between, inputs.errors_between, inputs.errors_at, measurements
+        return source, belief._replace(input_errors=room)

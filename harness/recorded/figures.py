@@ -18,7 +18,7 @@ from harness.models.quantities import quantity
 from harness.recorded.summary import outputs_of
 from harness.reporting import style
 from harness.reporting.style import Look, looks
-from harness.runner.records import chi_square_bounds
+from harness.runner.scores import chi_square_bounds
 
 _PANEL, _LOWEST = 1.6, 1.03
 """Inches per panel, and where that saves a page."""

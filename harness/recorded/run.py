@@ -30,7 +30,7 @@ from harness.identification.signal_noise import white_variance
 from harness.models.roles import SENSORS
 from harness.models.signals import TRUTH, signal_attributes
 from harness.runner.contract import Held, History, InputSeries
-from harness.runner.records import EverySample
+from harness.runner.history import EverySample
 from harness.simulation.simulate import in_lanes, variances
 
 Inputs = Literal["joined", "held"]

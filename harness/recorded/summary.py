@@ -18,7 +18,7 @@ from harness.identification.whiteness import LAGS, Whiteness, is_white, whitenes
 from harness.models.quantities import listed, quantity, words
 from harness.models.signals import SIGNALS
 from harness.reporting import style
-from harness.runner.records import chi_square_bounds
+from harness.runner.scores import chi_square_bounds
 
 
 @dataclass(frozen=True)

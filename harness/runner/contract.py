@@ -1,8 +1,8 @@
 """Contracts of what runs over time: a plant and a filter, as compiled kernels or as anybody's objects.
 
 A study gives every plant the same points, inputs and noise and every filter the same measurements, and scores what
-comes back (``harness.study.evaluate``). An object that fulfils ``Simulator`` or ``Filter`` takes part like a compiled
-one; nothing else of it is asked for.
+comes back. ``harness.study.evaluate.StudyEvaluator`` takes an object that fulfils ``Simulator`` or ``Filter`` in place
+of a compiled one; no key of a study file names one.
 
 **Arrays** are in SI units and end with the runs, of which there are ``LANES`` in a batch: ``(samples, n, LANES)``. Of
 several batches all arrays have their axis in front, but for what all batches have in common; what is written ``...`` in
@@ -16,13 +16,14 @@ ends the study.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
 from harness.common.arrays import Floats
+from harness.engine.kernel_names import Belief, State
 from harness.engine.simd.lanes import LANES
 from harness.models.assembly.model import Model
 from harness.models.signals import signal_attributes
@@ -34,6 +35,9 @@ Kept = TypeVar("Kept")
 @dataclass(frozen=True)
 class Ports:
     """What goes into a plant or the model of a filter and what comes out: SI unit by name, in the order of the arrays.
+
+    A study reads the names of a plant's outputs and of a filter's states, and the numbers of states and outputs of
+    both. Inputs, parameters and process noise come in the order of the study's own models.
 
     Attributes:
         inputs: Signals that drive it.
@@ -157,17 +161,6 @@ class Simulator(Protocol):
     def ports(self) -> Ports:
         """What goes in and comes out."""
 
-    @property
-    def in_lanes(self) -> bool:
-        """Whether the runs of a batch are computed side by side without Python's lock, so that threads share the work.
-
-        Of any other the runs go one after the other, and processes share the work.
-        """
-
-    @property
-    def is_differentiable(self) -> bool:
-        """Whether its equations are at hand for what needs slopes: bounds, gains, tests of hypotheses."""
-
     def run(self, inputs: InputSeries, held: Held, noise: Floats, record: Signals) -> Batch:
         """Run over a drive.
 
@@ -229,15 +222,11 @@ class Filter(Protocol):
     def is_random(self) -> bool:
         """Whether it draws random numbers, and so needs seeds."""
 
-    @property
-    def in_lanes(self) -> bool:
-        """As of a ``Simulator``."""
-
     def run(self, inputs: InputSeries, measurements: Floats, held: Held, record: Record[Kept]) -> Kept:
         """Run over what was measured.
 
         An object that is no kernel computes a whole ``History`` of runs side by side and returns
-        ``record.of(history, self)``; kernels record while they run, in the same numbers.
+        ``record.of(history, self)``; kernels record while they run (``record.run``), in the same numbers.
 
         Args:
             inputs: What it knows of them, in the order of ``ports.inputs``.
@@ -247,8 +236,47 @@ class Filter(Protocol):
         """
 
 
+class Recorder(NamedTuple):
+    """Kernels of a record.
+
+    Attributes:
+        loop: Runs a filter and records, by ``harness.runner.filter_loop.run_filter``.
+        kernels: What records, by the stand-in of ``harness.runner.filter_loop`` that it takes the place of.
+    """
+
+    loop: Callable[..., None]
+    kernels: Mapping[Any, Any]
+
+
 class Record(Protocol[Kept_co]):
-    """What is recorded of a filter: ``harness.runner.records``."""
+    """What is recorded of a filter: ``harness.runner.scores.Scoring``, ``harness.runner.history.EverySample``.
+
+    A new one is a class with these three, in a file with its kernels.
+    """
+
+    @property
+    def recorder(self) -> Recorder:
+        """Its kernels."""
+
+    def run(
+        self,
+        loop: Callable[..., None],
+        source: tuple[Any, ...],
+        belief: Belief,
+        first: State,
+        limits: Floats,
+        filter_: Filter,
+    ) -> Kept_co:
+        """Run the compiled loop and return what it recorded.
+
+        Args:
+            loop: ``recorder.loop``, compiled with the kernels of the filter and of a reader.
+            source: What the reader reads from (``harness.runner.filter_loop``).
+            belief: What the filter believes.
+            first: State before the first step.
+            limits: Largest magnitude of each state ``(nx,)``.
+            filter_: The filter.
+        """
 
     def of(self, history: History, filter_: Filter) -> Kept_co:
         """Return what is recorded of runs side by side."""

@@ -68,7 +68,11 @@ def run_filter(source, belief, first, memories, record):
 
 
 def advance(before, u_before, u, y, belief, work, after, info):
-    """Take one sample: the estimator's step, and what belongs to parameters among the states."""
+    """Take one sample: the estimator's step, and what belongs to parameters among the states.
+
+    ``step`` stands in for that of a file in ``harness/estimation/methods``, put in by
+    ``harness.estimation.contract.kernels_of``.
+    """
     step(before, u_before, u, y, belief, work, after, info)
     settle(before, u, belief, after, info)
 
@@ -166,7 +170,7 @@ def spread_of_inputs(x, between, u, moved, moved_at, belief):
         belief: ``harness.engine.kernel_names.Belief``.
     """
     reach = np.sqrt(3.0)
-    w, one, other = np.empty((NW, LANES)), np.empty((NX, LANES)), np.empty((NX, LANES))
+    w, forward, backward = np.empty((NW, LANES)), np.empty((NX, LANES)), np.empty((NX, LANES))
     ahead, seen, unlike = np.empty((NX, LANES)), np.empty((NY, LANES)), np.empty((NY, LANES))
     shifted, back = np.empty((NU, LANES)), np.empty((NU, LANES))
     next_state(x, between, belief.constants, ahead, w)
@@ -174,10 +178,10 @@ def spread_of_inputs(x, between, u, moved, moved_at, belief):
         for i in range(NU):
             put(get(between, i) + reach * get(moved, i, c), shifted, i)
             put(get(between, i) - reach * get(moved, i, c), back, i)
-        next_state(x, shifted, belief.constants, one, w)
-        next_state(x, back, belief.constants, other, w)
+        next_state(x, shifted, belief.constants, forward, w)
+        next_state(x, back, belief.constants, backward, w)
         for i in range(NX):
-            put((get(one, i) - get(other, i)) / (2.0 * reach), belief.input_errors, i, c)
+            put((get(forward, i) - get(backward, i)) / (2.0 * reach), belief.input_errors, i, c)
         for i in range(NU):
             put(get(u, i) + reach * get(moved_at, i, c), shifted, i)
             put(get(u, i) - reach * get(moved_at, i, c), back, i)
@@ -189,40 +193,46 @@ def spread_of_inputs(x, between, u, moved, moved_at, belief):
 
 @StandIn
 def workspace():
-    """Stand in for the estimator's own function of this name."""
+    """Stand in for that of a file in ``harness/estimation/methods``, put in by ``estimation.contract.kernels_of``."""
 
 
 @StandIn
 def step(before, u_before, u, y, belief, work, after, info):
-    """Stand in for the estimator's own function of this name."""
+    """Stand in for that of a file in ``harness/estimation/methods``, put in by ``estimation.contract.kernels_of``."""
 
 
 def write_covariance(state, work):
-    """Stand for the function of an estimator whose ``step`` does not write the covariance: there is nothing to do."""
+    """Stand in for that of an estimator whose ``step`` does not write the covariance: there is nothing to do.
+
+    Put in by ``estimation.contract.kernels_of``.
+    """
 
 
 def settle(before, u, belief, after, info):
-    """Stand for ``harness.engine.parameter_loops`` where no parameter is a state: there is nothing to do."""
+    """Stand in for ``harness.engine.parameter_loops`` where no parameter is a state: there is nothing to do.
+
+    Put in by ``estimation.contract.kernels_of``.
+    """
 
 
 @StandIn
 def reading_room():
-    """Stand in for a reader's room."""
+    """Stand in for a reader's room: ``BATCH`` or ``RECORDING``."""
 
 
 @StandIn
 def read_first(source, reading):
-    """Stand in for a reader's inputs at the first sample."""
+    """Stand in for a reader's inputs at the first sample: ``BATCH`` or ``RECORDING``."""
 
 
 @StandIn
 def read(source, k, before, belief, reading):
-    """Stand in for a reader."""
+    """Stand in for a reader: ``BATCH`` or ``RECORDING``."""
 
 
 @StandIn
 def recording_room():
-    """Stand in for a recorder's scratch arrays."""
+    """Stand in for a recorder's scratch arrays, put in by ``harness.runner.contract.Recorder.kernels``."""
 
 
 @StandIn

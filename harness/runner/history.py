@@ -1,10 +1,17 @@
-"""Recorder of all that a filter holds at every sample, of the first lane: all lanes are the same run."""
+"""All that a filter holds at every sample, of the first lane: all lanes are the same run."""
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
+from typing import Any, ClassVar
 
-from harness.engine.kernel_names import LANES, NS, NX, NY, put, signals, signals_jacobian
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.common.arrays import Floats
+from harness.engine.kernel_names import LANES, NS, NX, NY, Belief, State, put, signals, signals_jacobian
+from harness.runner.contract import Filter, History, Recorder
 from harness.runner.filter_loop import record_first, record_sample, recording_room, run_filter, write_covariance
 from harness.runner.limits import outside
 
@@ -95,4 +102,50 @@ def covariance_of_signals(slopes, P, a, b):
 
 
 HISTORY = {recording_room: room_of_history, record_first: begin_history, record_sample: add_history}
-"""Kernels of the recorder of ``follow_filter``; a reader goes with them."""
+"""Kernels of the recorder of ``follow_filter``."""
+
+
+@dataclass(frozen=True)
+class EverySample:
+    """All that a filter holds at every sample, of the first run.
+
+    Attributes:
+        of_state: Whether mean and covariance of the state are kept.
+        of_signals: Whether the signals and their standard deviations are kept.
+        rows: Signals of which the covariance is kept as well ``(m,)``.
+    """
+
+    of_state: bool = True
+    of_signals: bool = False
+    rows: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    recorder: ClassVar[Recorder] = Recorder(follow_filter, HISTORY)
+
+    def room(self, samples: int, filter_: Filter) -> History:
+        """Return room for a run."""
+        ports, referenced = filter_.ports, len(self.rows)
+        nx, ns, ny = len(ports.states), len(filter_.signals), len(ports.outputs)
+        of_states, of_signals = samples * self.of_state, samples * self.of_signals
+        sizes = (of_states, nx), (of_states, nx, nx), (of_signals, ns), (of_signals, ns)
+        further = (of_signals, referenced, referenced), (samples, ny), (samples, ny, ny), (samples, 5)
+        room = History(*(np.zeros(size) for size in (*sizes, *further)))
+        room.innovation[0] = room.spread[0] = room.facts[0, 0] = np.nan
+        return room
+
+    def run(
+        self,
+        loop: Callable[..., None],
+        source: tuple[Any, ...],
+        belief: Belief,
+        first: State,
+        limits: Floats,
+        filter_: Filter,
+    ) -> History:
+        """Run the compiled loop over a batch of one run, or a recording, and return what is kept."""
+        history = self.room(len(source[0]), filter_)
+        loop(source, belief, first, limits, self.rows, tuple(vars(history).values()))
+        return history
+
+    def of(self, history: History, filter_: Filter) -> History:
+        """Return what is kept of the first of runs side by side."""
+        first = (getattr(history, each.name)[..., 0] for each in fields(history))
+        return History(*first)

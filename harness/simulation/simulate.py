@@ -35,8 +35,6 @@ class CompiledSimulator:
         integrator, substeps: As ``harness.engine.compile.compile_model`` takes them.
     """
 
-    in_lanes = is_differentiable = True
-
     def __init__(self, model: Model, step: float = 0.01, integrator: str = "euler", substeps: int = 1) -> None:
         self.model, self._options = model, (step, integrator, substeps)
         self.ports = Ports.of(model)

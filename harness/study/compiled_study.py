@@ -23,7 +23,7 @@ from harness.models.drives._shapes import lateral_acceleration
 from harness.models.quantities import listed
 from harness.runner.contract import Batch, Filter, Held, Signals, Simulator
 from harness.runner.limits import LARGEST
-from harness.runner.records import Scores
+from harness.runner.scores import Scores
 from harness.simulation.drives import context_of, profile_of
 from harness.simulation.simulate import CompiledSimulator, first_state, in_lanes, input_table
 
@@ -146,6 +146,8 @@ class CompiledStudy:
 
     Args:
         study: The study.
+        simulator: What runs in place of the compiled plant.
+        filters: What runs in place of compiled estimators, by their names in the study.
 
     Attributes:
         signals: What the estimators tell of: targets first, then unknown inputs and what is drawn over time.
@@ -163,7 +165,9 @@ class CompiledStudy:
         UserError, ModelError: If a drive, model or estimator cannot be built.
     """
 
-    def __init__(self, study: Study) -> None:
+    def __init__(
+        self, study: Study, simulator: Simulator | None = None, filters: Mapping[str, Filter] | None = None
+    ) -> None:
         belief_model, plant_model = study.belief.model(), study.plant.model()
         drawn = [name for history in study.history for name in history.signals]
         unknown = (*study.belief.unknown_inputs, *study.belief.estimated_parameters)
@@ -178,13 +182,15 @@ class CompiledStudy:
         self.plant = _compile(study.plant, watched)
         self.belief = _compile(study.belief, self.signals)
         self.truth_names = (*self.plant.signal_names, *truth_names(study.belief))
-        self.simulator: Simulator = CompiledSimulator.of(study.plant)
+        self.simulator = CompiledSimulator.of(study.plant) if simulator is None else simulator
         needed = dict.fromkeys([*study.targets, *exact], LARGEST)
         self.recorded = Signals(self.plant.signal_names, needed | sliding)
-        self.measured_rows = [list(plant_model.outputs).index(name) for name in belief_model.outputs]
+        self.measured_rows = [list(self.simulator.ports.outputs).index(name) for name in belief_model.outputs]
         uncertain = bool(study.belief.input_noise)
+        given = filters or {}
         self.estimators: list[Filter] = [
-            CompiledEstimator(e.kind, self.belief, e.settings, e.base, uncertain) for e in study.estimators
+            given[e.name] if e.name in given else CompiledEstimator(e.kind, self.belief, e.settings, e.base, uncertain)
+            for e in study.estimators
         ]
 
     def _drive(self, study: Study, index: int) -> DriveInputs:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -14,8 +15,8 @@ from harness.config import Study
 from harness.engine.simd.lanes import LANES
 from harness.engine.standard_normal import standard_normal
 from harness.estimation.compiled_estimator import CompiledEstimator
-from harness.runner.contract import Batch, Held, InputSeries, Signals
-from harness.runner.records import Scores, Scoring, Sums
+from harness.runner.contract import Batch, Filter, Held, InputSeries, Signals, Simulator
+from harness.runner.scores import Scores, Scoring, Sums
 from harness.simulation.simulate import CompiledSimulator
 from harness.study.compiled_study import (
     CompiledStudy,
@@ -53,6 +54,7 @@ class StudyEvaluator:
 
     Args:
         study: The study.
+        simulator, filters: As of ``CompiledStudy``.
 
     Attributes:
         compiled: Its models, estimators and drives.
@@ -63,8 +65,10 @@ class StudyEvaluator:
         UserError, ModelError: If a drive, model or estimator cannot be built.
     """
 
-    def __init__(self, study: Study) -> None:
-        self.study, self.compiled, self.noise = study, CompiledStudy(study), RunNoise(study)
+    def __init__(
+        self, study: Study, simulator: Simulator | None = None, filters: Mapping[str, Filter] | None = None
+    ) -> None:
+        self.study, self.compiled, self.noise = study, CompiledStudy(study, simulator, filters), RunNoise(study)
         self.windows = ErrorWindows(study, self.compiled)
         self._noisy = NoisyInputs(study.belief) if study.belief.input_noise else None
         self._points: dict[int, NDArray[np.float64]] = {}

@@ -7,7 +7,7 @@ import xarray as xr
 
 from harness.config import HistorySpec
 from harness.runner.contract import Batch
-from harness.runner.records import Scores
+from harness.runner.scores import Scores
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
 from harness.study.run_noise import Case

@@ -25,7 +25,8 @@ from harness.models.assembly.plan import GroundPlan, Planner
 from harness.models.roles import VEHICLES
 from harness.models.signals import signal_attributes
 from harness.runner.contract import Batch, Held, InputSeries, Signals
-from harness.runner.records import EverySample, Scores
+from harness.runner.history import EverySample
+from harness.runner.scores import Scores
 from harness.study.compiled_study import held_by
 from harness.study.design import Unit, points
 from harness.study.evaluate import StudyEvaluator

@@ -13,7 +13,7 @@ import xarray as xr
 from harness.common.arrays import Floats
 from harness.models.signals import signal_attributes
 from harness.runner.contract import Batch, Held
-from harness.runner.records import Scores
+from harness.runner.scores import Scores
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
 

@@ -17,7 +17,7 @@ from harness.engine.simd.lanes import LANES
 from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.estimation.contract import load_estimator
 from harness.runner.contract import Held, InputSeries
-from harness.runner.records import Scoring
+from harness.runner.scores import Scoring
 from harness.simulation.simulate import in_lanes, variances
 from harness.testing.linear_filter import P0, STEP, Q, R, compiled_linear, drive_linear, textbook
 from harness.testing.parts import named, require

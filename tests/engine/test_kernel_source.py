@@ -30,6 +30,7 @@ from harness.engine.simd import (
 from harness.estimation.contract import kernels_of, load_estimator
 from harness.estimation.methods import _sigma_points, ukf
 from harness.runner import scores
+from harness.runner.filter_loop import BATCH
 from harness.testing.linear_filter import compiled_linear
 from harness.testing.small_vehicles import linear
 
@@ -76,7 +77,9 @@ def test_an_estimator_in_the_registry_shares_a_file_of_any_name(compiled, tmp_pa
     (tmp_path / "filter_of_mine.py").write_text(copied(ukf, _sigma_points="harness.estimation.methods.spread"))
     importlib.invalidate_caches()
     files = [load_estimator(kind) for kind in ("filter_of_mine", "ukf")]
-    mine, own = (paste(compiled, "", [scores.estimate], kernels_of(file) | scores.SCORES) for file in files)
+    mine, own = (
+        paste(compiled, "", [scores.run_and_score], kernels_of(file) | BATCH | scores.SCORES) for file in files
+    )
     assert {"propagate", "observe", "displace", "workspace"} <= definitions(mine)
     assert mine == own
 

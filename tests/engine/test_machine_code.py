@@ -14,7 +14,7 @@ from harness.engine.simd.lanes import LANES, get, put
 from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.models.assembly.assemble import assemble
 from harness.runner.contract import Held, InputSeries
-from harness.runner.records import Scoring
+from harness.runner.scores import Scoring
 from harness.testing.linear_filter import P0, compiled_linear
 
 X = types.Array(types.float64, 2, "C")

@@ -16,7 +16,7 @@ from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.estimation.methods import narx
 from harness.estimation.methods.narx import MEMORY, WIDTH, placed
 from harness.runner.contract import Held, InputSeries
-from harness.runner.records import Scoring
+from harness.runner.scores import Scoring
 from harness.simulation.drives import profile_of
 from harness.simulation.simulate import in_lanes, variances
 from reproductions import narx_architecture, narx_training

@@ -13,7 +13,7 @@ from harness.engine.simd.lanes import LANES, get, put
 from harness.engine.simd.random import generator_words
 from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.runner.contract import Held, InputSeries
-from harness.runner.records import Scoring
+from harness.runner.scores import Scoring
 from harness.simulation.simulate import in_lanes
 from harness.study.design import Unit
 from harness.study.run_noise import Case, RunNoise

@@ -19,7 +19,7 @@ from harness.models.assembly.assemble import assemble, symbol
 from harness.models.assembly.expressions import larger
 from harness.models.roles import PARAMETERS, VEHICLES
 from harness.runner.contract import Batch, Held, InputSeries
-from harness.runner.records import Scoring
+from harness.runner.scores import Scoring
 from harness.simulation.drives import build_drive
 from harness.simulation.simulate import first_state, in_lanes, input_table
 from harness.study.compiled_study import CompiledStudy

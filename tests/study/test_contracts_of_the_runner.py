@@ -9,12 +9,14 @@ import sympy as sp
 from harness.config import build_study
 from harness.engine.simd.lanes import LANES
 from harness.runner.contract import Batch, Filter, History, Ports, Simulator
+from harness.runner.history import EverySample
 from harness.runner.limits import LARGEST
-from harness.runner.records import EverySample
+from harness.study.compiled_study import CompiledStudy
 from harness.study.design import units
 from harness.study.evaluate import StudyEvaluator
 from harness.study.run_noise import Case
 from harness.study.score_names import ESTIMATOR_DIVERGED, OK, PLANT_DIVERGED, STATUS
+from support.largest_nis import LargestNis
 
 CONTENT = {
     "name": "foreign",
@@ -73,8 +75,6 @@ class Equations:
 class NumpyPlant:
     """A plant without a kernel."""
 
-    in_lanes = is_differentiable = False
-
     def __init__(self, spec, signals, lost=()):
         self._equations, self._signals, self._lost = Equations(spec, signals), signals, lost
         self.ports = self._equations.ports
@@ -101,7 +101,7 @@ class NumpyPlant:
 class NumpyFilter:
     """An extended Kalman filter without a kernel."""
 
-    has_covariance, is_random, in_lanes = True, False, False
+    has_covariance, is_random = True, False
 
     def __init__(self, spec, signals, broken=False):
         self._equations, self.signals, self._broken = Equations(spec, signals), signals, broken
@@ -161,12 +161,10 @@ def evaluator(study):
 
 def with_foreign(study, lost=(), broken=False):
     """Return the study with a plant in NumPy and its first filter in NumPy."""
-    evaluator = StudyEvaluator(study)
-    compiled = evaluator.compiled
+    compiled = CompiledStudy(study)
     plant: Simulator = NumpyPlant(study.plant, compiled.recorded.names, lost)
     filter_: Filter = NumpyFilter(study.belief, compiled.signals, broken)
-    compiled.simulator, compiled.estimators[0] = plant, filter_
-    return evaluator
+    return StudyEvaluator(study, plant, {"EKF": filter_})
 
 
 @pytest.mark.parametrize("at_once", [1, 2**30])
@@ -206,6 +204,19 @@ def test_every_sample_of_a_foreign_filter_is_that_of_the_kernel(study, evaluator
     got = with_foreign(study).compiled.estimators[0].run(inputs, measured, held, record)
     for name, values in vars(wanted).items():
         np.testing.assert_allclose(getattr(got, name), values, rtol=1e-9, atol=1e-12, err_msg=name)
+
+
+def test_a_recorder_of_somebody_else_goes_with_kernels_and_with_other_filters(study, evaluator):
+    unit = units(study, study.designs[0])[0]
+    cases = evaluator.cases(unit)[:LANES]
+    batch, believed = evaluator.simulate(unit, cases), evaluator.held(unit, cases, "belief")
+    held, inputs = evaluator.believed_by(0, unit, cases, believed), evaluator.inputs(0, 0, batch, believed)
+    measured = evaluator.compiled.measured(batch.measurements)
+    filters = evaluator.compiled.estimators[0], with_foreign(study).compiled.estimators[0]
+    by_kernel, by_history = (each.run(inputs, measured, held, LargestNis()) for each in filters)
+    np.testing.assert_allclose(by_kernel, by_history, rtol=1e-9)
+    assert len(set(by_kernel)) == LANES
+    assert (by_kernel > 0).all()
 
 
 def test_scores_of_a_history_are_those_that_the_kernel_sums_up(study, evaluator):

@@ -17,7 +17,7 @@ from rich.console import Console
 from harness.common.errors import UserError, WorkError
 from harness.reporting.document import Sheet
 from harness.runner.contract import Held, InputSeries, Signals
-from harness.runner.records import Scoring
+from harness.runner.scores import Scoring
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
 from harness.study.histories import histories
