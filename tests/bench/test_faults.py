@@ -7,7 +7,7 @@ from bench.faults.faults import PLAN, SHORT
 
 
 def test_the_long_form_strikes_everything_and_at_least_forty_times():
-    assert set(PLAN) == {"study", "campaign", "identify", "tune", "trace"}
+    assert set(PLAN) == {"study", "campaign", "identify", "tune", "trace", "remedy"}
     assert sum(sum(faults.values()) for faults in PLAN.values()) >= 40
     assert all(fault in PLAN[job] for job, faults in SHORT.items() for fault in faults)
 

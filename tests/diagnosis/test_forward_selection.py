@@ -37,14 +37,14 @@ def test_rounds_go_on_where_something_took_the_place_of_an_addition(monkeypatch,
         found = SimpleNamespace(hypothesis=h, fitted=FIT) if h else None
         return SimpleNamespace(best=FIT, without=[FIT]), [SimpleNamespace(added=found)]
 
-    monkeypatch.setattr(search._Search, "_round", one_round)
+    monkeypatch.setattr(search._ForwardSelection, "_round", one_round)
     monkeypatch.setattr(search, "likeliest", lambda fits, rounds, added, best: (instead.get(added, added), best, None))
     judged = SimpleNamespace(normalised_excess_mse=1.0)
     fits = SimpleNamespace(
         say=lambda _: None, fit=lambda *_: FIT, judge=lambda *_: judged, free=(), held_out=None,
         fitting=SimpleNamespace(first=lambda: None), refuted=set(), joined=lambda added, h: (*added, h),
     )  # fmt: skip
-    found = search._Search(fits, 8, RAISED).run()
+    found = search._ForwardSelection(fits, 8, RAISED).run()
     assert found.added == final
     assert seen == asked
     assert set(found.dropped) == {h for r in found.rounds if r.added for h in [r.added.hypothesis]} - set(final)
@@ -61,5 +61,5 @@ def test_what_was_added_on_a_detour_takes_no_room_and_late_channels_take_one():
     tried = SimpleNamespace(decided=decided, decided_by_sensor=decided)
     for added in ((), (LAG,), (*late, LAG), tuple(late)):
         tried.added = added
-        search._Search(None, 3, RAISED)._passed(tried, 7)
+        search._ForwardSelection(None, 3, RAISED)._passed(tried, 7)
     assert room == [3, 3, 2, 2, 1, 1, 2, 2]
