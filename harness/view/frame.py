@@ -127,7 +127,7 @@ def read_record(path: Path) -> dict[str, Any]:
     text = read_text(path)
     try:
         record = json.loads(text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise UserError(f"{path}: cannot be read ({type(error).__name__}: {error})") from error
     if not isinstance(record, dict):
         raise UserError(f"{path}: no record that the harness wrote")
