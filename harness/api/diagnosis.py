@@ -130,12 +130,12 @@ class Diagnosis(Shown):
     @property
     def verdict_(self) -> str:
         """``adequate``, ``amended`` or ``unresolved``."""
-        return str(self._found.verdict)
+        return str(self._fitted_outcome.verdict)
 
     @property
     def answer_(self) -> str:
         """The result in sentences."""
-        return self._found.answer
+        return self._fitted_outcome.answer
 
     @property
     def effects_(self) -> pd.DataFrame:
@@ -146,7 +146,7 @@ class Diagnosis(Shown):
         """
         import pandas as pd
 
-        outcome = self._found
+        outcome = self._fitted_outcome
         rows = {
             (h.name, v.name): (h.kind, v.value, v.std, v.unit) for h in outcome.added for v in outcome.values[h.name]
         }
@@ -156,22 +156,22 @@ class Diagnosis(Shown):
     @property
     def amended_(self) -> Model:
         """The amended model."""
-        return model_of(self._found.amended)
+        return model_of(self._fitted_outcome.amended)
 
     @property
     def nominal_(self) -> Model:
         """The nominal model, refitted."""
-        return model_of(self._found.nominal)
+        return model_of(self._fitted_outcome.nominal)
 
     @property
     def record_(self) -> dict[str, Any]:
         """Everything as ``trace.json`` has it, SI units."""
-        outcome = _numbers(self._found)
+        outcome = _numbers(self._fitted_outcome)
         assert outcome is not None
         return outcome.record
 
     @property
-    def _found(self) -> Outcome | TraceNumbers:
+    def _fitted_outcome(self) -> Outcome | TraceNumbers:
         if self._outcome is None:
             raise AttributeError("nothing was fitted yet; call fit(model, train, test) first")
         return self._outcome

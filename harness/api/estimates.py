@@ -135,12 +135,12 @@ class Estimates(Shown):
         from harness.recordings.check.examine import recording_warnings
 
         said = recording_warnings(recordings)
-        self._found: Estimated = Estimated(model.spec.vehicle, runs, [summary(r) for r in runs], said)
+        self._estimated: Estimated = Estimated(model.spec.vehicle, runs, [summary(r) for r in runs], said)
 
     @property
     def runs(self) -> dict[tuple[str, str], xr.Dataset]:
         """The estimates over time by ``(recording, estimator)``, each as ``Estimator.run`` returns it."""
-        return {(r.attrs["recording"], r.attrs["estimator"]): r for r in self._found.runs}
+        return {(r.attrs["recording"], r.attrs["estimator"]): r for r in self._estimated.runs}
 
     @property
     def summary(self) -> pd.DataFrame:
@@ -155,8 +155,8 @@ class Estimates(Shown):
         columns = [
             "log_likelihood", "nis", "nis_inside", "nees", "nees_inside", "updates", "diverged_at", "repairs",
         ]  # fmt: skip
-        rows = [[getattr(s, c) for c in columns] for s in self._found.summaries]
-        names = [(s.recording, s.estimator) for s in self._found.summaries]
+        rows = [[getattr(s, c) for c in columns] for s in self._estimated.summaries]
+        names = [(s.recording, s.estimator) for s in self._estimated.summaries]
         return pd.DataFrame(rows, pd.MultiIndex.from_tuples(names, names=["recording", "estimator"]), columns)
 
     @property
@@ -172,7 +172,7 @@ class Estimates(Shown):
 
         rows = {
             (s.recording, s.estimator, n): (e.rmse, e.bias, e.largest, e.nees, e.inside, SIGNALS[n].unit)
-            for s in self._found.summaries
+            for s in self._estimated.summaries
             for n, e in s.errors.items()
         }
         index = pd.MultiIndex.from_tuples(list(rows), names=["recording", "estimator", "signal"])
@@ -181,14 +181,14 @@ class Estimates(Shown):
     @property
     def answer(self) -> str:
         """The result in sentences."""
-        return self._found.answer
+        return self._estimated.answer
 
     @property
     def notes(self) -> list[str]:
         """What is irregular about the recordings, and what the estimates leave out."""
         from harness.recorded.run import inputs_in_words
 
-        return [*self._found.warnings, inputs_in_words(self._found.runs)]
+        return [*self._estimated.warnings, inputs_in_words(self._estimated.runs)]
 
     def report(
         self,
@@ -214,9 +214,9 @@ class Estimates(Shown):
         from harness.recorded.run import inputs_in_words
 
         folder = Path(folder)
-        files = write_estimates(inside(folder, "estimates"), self._found.runs, form)
-        numbers = write_numbers(folder, self._found.summaries, self.answer, inputs_in_words(self._found.runs))
-        return [*report(self._found, command).write(folder), numbers, *files]
+        files = write_estimates(inside(folder, "estimates"), self._estimated.runs, form)
+        numbers = write_numbers(folder, self._estimated.summaries, self.answer, inputs_in_words(self._estimated.runs))
+        return [*report(self._estimated, command).write(folder), numbers, *files]
 
     def _facts(self) -> dict[str, Any]:
         recordings, estimators = (dict.fromkeys(k[i] for k in self.runs) for i in (0, 1))

@@ -99,39 +99,39 @@ class Identification(Shown):
     """Parameters as found; made by ``harness.identify``."""
 
     def __init__(self, fitted: Fitted) -> None:
-        self._found = fitted
+        self._fitted = fitted
 
     @property
     def model(self) -> Model:
         """The model with what was found."""
-        return model_of(self._found.fit.spec)
+        return model_of(self._fitted.fit.spec)
 
     @property
     def answer(self) -> str:
         """The result in sentences; the first says so if the fit failed (``failed``)."""
-        return self._found.answer
+        return self._fitted.answer
 
     @property
     def free(self) -> tuple[str, ...]:
         """Names of the parameters that were to be found."""
-        return tuple(self._found.problem.free)
+        return tuple(self._fitted.problem.free)
 
     @property
     def failed(self) -> bool:
         """Whether the simulation error of the held-out recordings, or of the fitted ones without any, grew."""
         from harness.identification.result import failure
 
-        return bool(failure(self._found.judged))
+        return bool(failure(self._fitted.judged))
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Irregularities of the recordings, as ``harness check`` finds them."""
-        return self._found.notes
+        return self._fitted.notes
 
     @property
     def converged(self) -> bool:
         """Whether the method's convergence criterion was met."""
-        return self._found.fit.converged
+        return self._fitted.fit.converged
 
     @property
     def estimates(self) -> pd.DataFrame:
@@ -145,7 +145,7 @@ class Identification(Shown):
 
         rows = {
             e.name: (e.value, e.error, e.lower, e.upper, e.start, e.unit, e.verdict, e.reason)
-            for e in self._found.fit.estimates
+            for e in self._fitted.fit.estimates
         }
         columns = ["value", "standard_error", "lower", "upper", "start", "unit", "verdict", "reason"]
         return pd.DataFrame.from_dict(rows, orient="index", columns=columns).rename_axis("name")
@@ -155,8 +155,8 @@ class Identification(Shown):
         """Correlation of the estimates ``(n, n)``; empty if the method states none."""
         import pandas as pd
 
-        names = [e.name for e in self._found.fit.estimates] if self._found.fit.correlation.size else []
-        return pd.DataFrame(self._found.fit.correlation, index=names, columns=names)
+        names = [e.name for e in self._fitted.fit.estimates] if self._fitted.fit.correlation.size else []
+        return pd.DataFrame(self._fitted.fit.correlation, index=names, columns=names)
 
     @property
     def errors(self) -> pd.DataFrame:
@@ -169,7 +169,7 @@ class Identification(Shown):
 
         from harness.models.signals import SIGNALS
 
-        outputs = list(self._found.fit.spec.model().outputs)
+        outputs = list(self._fitted.fit.spec.model().outputs)
         rows = {
             (j.drive.name, name): (
                 j.held_out,
@@ -177,7 +177,7 @@ class Identification(Shown):
                 *j.one_step_error[:, a].tolist(),
                 SIGNALS[name].unit if name in SIGNALS else "",
             )
-            for j in self._found.judged
+            for j in self._fitted.judged
             for a, name in enumerate(outputs)
         }
         columns = ["held_out", "simulation_before", "simulation_after", "one_step_before", "one_step_after", "unit"]
@@ -196,16 +196,16 @@ class Identification(Shown):
         """
         from harness.identification.fit_recordings import write_fit
 
-        return write_fit(self._found, Path(folder), command)
+        return write_fit(self._fitted, Path(folder), command)
 
     def _facts(self) -> dict[str, Any]:
-        fit, problem = self._found.fit, self._found.problem
+        fit, problem = self._fitted.fit, self._fitted.problem
         return {
             "answer": self.answer,
             "model": fit.spec.model().name,
             "method": fit.method,
             "fitted": ", ".join(d.name for d in problem.drives),
-            "held out": ", ".join(d.name for d in self._found.tests),
+            "held out": ", ".join(d.name for d in self._fitted.tests),
             "converged": "yes" if fit.converged else "no",
             **{e.name: f"{e.value:.6g} ± {e.error:.2g} {e.unit}" for e in fit.estimates},
         }

@@ -87,10 +87,10 @@ class Results(xr.DataTree):
     @property
     def folder(self) -> Path:
         """The result folder."""
-        return self._found.directory
+        return self._results.directory
 
     @property
-    def _found(self) -> StudyResults:
+    def _results(self) -> StudyResults:
         """The same as the report takes it; read again where xarray has made a new tree of this one."""
         stored = getattr(self, "_read", None)
         if stored is None:
@@ -136,7 +136,7 @@ class Results(xr.DataTree):
     @property
     def is_verifiable(self) -> bool:
         """Whether the store has checksums, so that none of its files can be missing or damaged unnoticed."""
-        return self._found.is_verifiable
+        return self._results.is_verifiable
 
     def report(self) -> list[Path]:
         """Write ``report.html`` and ``report.pdf`` into the result folder and return their paths.
@@ -208,7 +208,7 @@ class Results(xr.DataTree):
 
         made = getattr(self, "_analysed", None)
         if made is None:
-            made = self._analysed = report.Analysis(self._found)
+            made = self._analysed = report.Analysis(self._results)
         return made
 
 

@@ -68,11 +68,11 @@ class Knowledge:
     Args:
         whole: The functions it may call.
         home: The module that it stands in.
-        known: What is known of its arguments.
+        arguments: What is known of its arguments.
     """
 
-    def __init__(self, whole: Functions, home: ModuleType, known: dict[str, Known]) -> None:
-        self._whole, self._home, self._known = whole, home, known
+    def __init__(self, whole: Functions, home: ModuleType, arguments: dict[str, Known]) -> None:
+        self._whole, self._home, self._known = whole, home, arguments
 
     def know(self, node: ast.expr) -> Known:
         """Return what is known of an expression."""
@@ -157,13 +157,13 @@ class Knowledge:
             return None
         sizes = list(value.sizes)
         for axis in reversed(range(len(indices))):
-            one = indices[axis]
-            if not isinstance(one, ast.Slice):
+            cut = indices[axis]
+            if not isinstance(cut, ast.Slice):
                 del sizes[axis]
                 continue
-            first = self.know(one.lower) if one.lower else Number(0)
-            last = self.know(one.upper) if one.upper else (None if sizes[axis] is None else Number(sizes[axis]))
-            both = isinstance(first, Number) and isinstance(last, Number) and one.step is None
+            first = self.know(cut.lower) if cut.lower else Number(0)
+            last = self.know(cut.upper) if cut.upper else (None if sizes[axis] is None else Number(sizes[axis]))
+            both = isinstance(first, Number) and isinstance(last, Number) and cut.step is None
             sizes[axis] = last.value - first.value if both else None  # type: ignore[union-attr]
         return Shape(tuple(sizes))
 

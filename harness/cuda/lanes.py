@@ -28,9 +28,9 @@ if config.ENABLE_CUDASIM:
         return x * y + z
 
     @device
-    def upper_half(one, other):
+    def upper_half(a, b):
         """Return the upper 64 bits of the product of two words."""
-        return np.uint64((int(one) * int(other)) >> 64)
+        return np.uint64((int(a) * int(b)) >> 64)
 
     floor, sqrt, absolute, copysign = _typed(np.floor, np.sqrt, np.abs, np.copysign)
 else:
@@ -40,9 +40,9 @@ else:
     floor, sqrt, absolute, copysign = _typed(libdevice.floor, math.sqrt, math.fabs, math.copysign)
 
     @device
-    def upper_half(one, other):
+    def upper_half(a, b):
         """Return the upper 64 bits of the product of two words."""
-        return np.uint64(libdevice.umul64hi(one, other))
+        return np.uint64(libdevice.umul64hi(a, b))
 
 
 LANES = 1

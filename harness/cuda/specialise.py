@@ -120,8 +120,8 @@ class Specialised:
 class _Copy(Knowledge, ast.NodeTransformer):
     """Writes the statements of one copy of a function."""
 
-    def __init__(self, whole: Specialised, home: ModuleType, known: dict[str, Known]) -> None:
-        super().__init__(whole, home, known)
+    def __init__(self, whole: Specialised, home: ModuleType, arguments: dict[str, Known]) -> None:
+        super().__init__(whole, home, arguments)
         self._nodes = whole.nodes
         self._returned: list[Known] = []
         self._times = 1
@@ -187,11 +187,11 @@ class _Copy(Knowledge, ast.NodeTransformer):
             return node
         return node if isinstance(node, ast.Name) else self.generic_visit(node)
 
-    def _assign(self, target: ast.expr, known: Known) -> None:
+    def _assign(self, target: ast.expr, value: Known) -> None:
         if isinstance(target, ast.Name):
-            self._known[target.id] = known
+            self._known[target.id] = value
         elif isinstance(target, ast.Tuple):
-            parts = known.parts if isinstance(known, Parts) else (None,) * len(target.elts)
+            parts = value.parts if isinstance(value, Parts) else (None,) * len(target.elts)
             for each, part in zip(target.elts, parts, strict=True):
                 self._assign(each, part)
 

@@ -178,7 +178,7 @@ def written_over(source: str, exchange: Exchange, package: str = "") -> str:
     others = {name: _counterpart(home, exchange) for name, home in homes.items()}
     if others != homes:
         source = _FROM.sub(
-            lambda found: f"from {others[found[1]].__name__} import" if found[1] in others else found[0], source
+            lambda match: f"from {others[match[1]].__name__} import" if match[1] in others else match[0], source
         )
     return exchange.rewrite(source)
 

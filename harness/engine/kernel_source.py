@@ -158,9 +158,9 @@ class _Module:
 def _used(code: CodeType) -> Iterator[tuple[str, str]]:
     """Give the global names that a function uses, each with the attribute that is taken of it."""
     instructions = list(dis.get_instructions(code))
-    for one, after in zip(instructions, [*instructions[1:], instructions[-1]], strict=True):
-        if one.opname in ("LOAD_GLOBAL", "LOAD_NAME"):
-            yield one.argval, str(after.argval) if after.opname in ("LOAD_ATTR", "LOAD_METHOD") else ""
+    for instruction, after in zip(instructions, [*instructions[1:], instructions[-1]], strict=True):
+        if instruction.opname in ("LOAD_GLOBAL", "LOAD_NAME"):
+            yield instruction.argval, str(after.argval) if after.opname in ("LOAD_ATTR", "LOAD_METHOD") else ""
     for part in code.co_consts:
         if isinstance(part, CodeType):
             yield from _used(part)

@@ -39,7 +39,7 @@ _I64, _I128 = ir.IntType(64), ir.IntType(128)
 
 
 @intrinsic
-def upper_half(typingctx: Any, one: Any, other: Any) -> Any:
+def upper_half(typingctx: Any, a: Any, b: Any) -> Any:
     """Return the upper 64 bits of the product of two words."""
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
@@ -57,9 +57,9 @@ def hashed(value, constant, multiplier):
     return value ^ (value >> np.uint64(16)), constant
 
 
-def mixed(one, other):
+def mixed(a, b):
     """Return two words of 32 bits as one."""
-    value = (np.uint64(0xCA01F9DD) * one - np.uint64(0x4973F715) * other) & np.uint64(ALL_32)
+    value = (np.uint64(0xCA01F9DD) * a - np.uint64(0x4973F715) * b) & np.uint64(ALL_32)
     return value ^ (value >> np.uint64(16))
 
 
@@ -131,7 +131,7 @@ def refused(word, state, widths, inside, heights):
         word = draw(state)
 
 
-def fill(words, widths, inside, heights, found):
+def fill(words, widths, inside, heights, numbers):
     """Write standard normal numbers.
 
     Args:
@@ -139,9 +139,9 @@ def fill(words, widths, inside, heights, found):
         widths: Of the layers, over the largest word ``(256,)``.
         inside: Words below these lie inside the rectangle of their layer ``(256,)``.
         heights: Of the density at the layers' edges ``(256,)``.
-        found: Written ``(batches, samples, width, lanes)``.
+        numbers: Written ``(batches, samples, width, lanes)``.
     """
-    batches, samples, width, lanes = found.shape
+    batches, samples, width, lanes = numbers.shape
     states = np.empty((lanes, 4), np.uint64)
     for b in range(batches):
         for lane in range(lanes):
@@ -153,9 +153,9 @@ def fill(words, widths, inside, heights, found):
                     layer, at = word & np.uint64(0xFF), (word >> np.uint64(9)) & np.uint64(0x000FFFFFFFFFFFFF)
                     x = np.float64(np.int64(at)) * widths[layer]
                     if at < inside[layer]:
-                        found[b, k, i, lane] = -x if (word >> np.uint64(8)) & np.uint64(1) else x
+                        numbers[b, k, i, lane] = -x if (word >> np.uint64(8)) & np.uint64(1) else x
                     else:
-                        found[b, k, i, lane] = refused(word, states[lane], widths, inside, heights)
+                        numbers[b, k, i, lane] = refused(word, states[lane], widths, inside, heights)
 
 
 def seed_words(entropy: int, keys: ArrayLike) -> NDArray[np.uint64]:

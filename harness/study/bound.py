@@ -189,24 +189,24 @@ def smoothed_rmse(evaluator: StudyEvaluator, unit: Unit) -> Floats:
     return runs.rmse(squares)
 
 
-def smoothed(evaluator: StudyEvaluator, known: KnownRuns) -> Floats:
+def smoothed(evaluator: StudyEvaluator, runs: KnownRuns) -> Floats:
     """Return the smoothed states ``(samples, nx, LANES)``; what a run measured behind its range does not count."""
     model = evaluator.compiled.belief
-    samples, nx, ny = len(known.inputs), model.nx, model.ny
+    samples, nx, ny = len(runs.inputs), model.nx, model.ny
     A, H = np.empty((nx, nx, LANES)), np.empty((ny, nx, LANES))
     w, y, ahead = np.empty((model.nw, LANES)), np.empty((ny, LANES)), np.empty((nx, LANES))
-    Q, R = (v[:, :, None] * np.eye(v.shape[1]) for v in (known.walk, known.noise))
-    x, P = known.mean, known.first[:, :, None] * np.eye(nx)
+    Q, R = (v[:, :, None] * np.eye(v.shape[1]) for v in (runs.walk, runs.noise))
+    x, P = runs.mean, runs.first[:, :, None] * np.eye(nx)
     means, covariances = np.empty((samples, nx, LANES)), np.empty((samples, LANES, nx, nx))
     back, pull = np.empty((samples, LANES, nx, nx)), np.empty((samples, LANES, nx))
     means[0], covariances[0] = x, P
-    last = np.where(known.scored.any(axis=0), samples - np.argmax(known.scored[::-1], axis=0), 0)
+    last = np.where(runs.scored.any(axis=0), samples - np.argmax(runs.scored[::-1], axis=0), 0)
     for k in range(1, samples):
-        model.kernels.next_jacobian(x, known.inputs[k - 1], known.constants, ahead, A, w)
+        model.kernels.next_jacobian(x, runs.inputs[k - 1], runs.constants, ahead, A, w)
         F = np.moveaxis(A, -1, 0)
         P = F @ P @ F.swapaxes(-1, -2) + Q
-        model.kernels.output_jacobian(ahead, known.inputs[k], known.constants, y, H)
-        rest = (known.measurements[k] - y).T
+        model.kernels.output_jacobian(ahead, runs.inputs[k], runs.constants, y, H)
+        rest = (runs.measurements[k] - y).T
         seen = np.isfinite(rest) & (k < last)[:, None]
         slopes, rest = np.moveaxis(H, -1, 0) * seen[:, :, None], np.where(seen, rest, 0.0)
         S = slopes @ P @ slopes.swapaxes(-1, -2) + R

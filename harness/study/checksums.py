@@ -217,17 +217,17 @@ def _of_units(root: Path, about: Mapping[str, Any], units: Sequence[Place]) -> I
         yield None if is_to_come else list(_of_unit(unit, own, contents))
 
 
-def _of_unit(unit: Place, files: Mapping[str, str], found: Mapping[str, bytes | None]) -> Iterator[Fault]:
+def _of_unit(unit: Place, files: Mapping[str, str], contents: Mapping[str, bytes | None]) -> Iterator[Fault]:
     """Return what is wrong with the files of a finished unit."""
-    content = found[row_file(unit)] or b""
+    content = contents[row_file(unit)] or b""
     row = np.frombuffer(content, dtype="<u8") if len(content) == 8 * len(files) else np.zeros(len(files), np.uint64)
     wanted = {name: int(value) for name, value in zip(files, row, strict=True)}
     if not wanted[STATUS]:
-        yield Fault(row_file(unit), found[row_file(unit)] is None, unit)
+        yield Fault(row_file(unit), contents[row_file(unit)] is None, unit)
         return
     for name, file in files.items():
-        if wanted[name] and digest(found[file]) != wanted[name]:
-            yield Fault(file, found[file] is None, unit)
+        if wanted[name] and digest(contents[file]) != wanted[name]:
+            yield Fault(file, contents[file] is None, unit)
 
 
 def _of_histories(root: Path, wanted: int, complete: bool) -> list[Fault]:

@@ -190,20 +190,20 @@ def check_workers(client: Client, study: Study, folder: Path, console: Console) 
         )
 
 
-def _about(study: Study, folder: Path, found: components.Carried) -> dict[str, Any]:
+def _about(study: Study, folder: Path, carried: components.Carried) -> dict[str, Any]:
     """Return what a worker is; runs there."""
-    components.take_over(found)
+    components.take_over(carried)
     sees = sealed_root.is_there(folder / STORE) or places.contents(folder, [lock.FILE]) != [None]
     return {**code_state(study), "sees_store": sees, "host": platform.node(), "processor": processor()}
 
 
-def _refuse_other_code(who: str, expected: dict[str, str], found: dict[str, str]) -> None:
-    there, here = (json.loads(state["versions"]) for state in (found, expected))
+def _refuse_other_code(who: str, expected: dict[str, str], reported: dict[str, str]) -> None:
+    there, here = (json.loads(state["versions"]) for state in (reported, expected))
     differing = [f"{name} {there.get(name)} instead of {version}" for name, version in here.items()
                  if there.get(name) != version]  # fmt: skip
     if differing:
         raise UserError(f"{who} has {', '.join(differing)}; install the same lock file on all machines")
-    if found["engine"] != expected["engine"]:
+    if reported["engine"] != expected["engine"]:
         raise UserError(
             f"{who} runs other code of this project or of a component from outside; bring it to the same commit and "
             "the same files and restart it"

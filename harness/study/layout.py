@@ -54,7 +54,7 @@ def create(study: Study, evaluator: StudyEvaluator, path: Path, attributes: Mapp
 
 
 def _declare_scores(
-    study: Study, design: DesignSpec, evaluator: StudyEvaluator, root: Any, known: xr.Dataset
+    study: Study, design: DesignSpec, evaluator: StudyEvaluator, root: Any, labels: xr.Dataset
 ) -> dict[str, list[str]]:
     """Add the arrays of scores, as xarray would write them full of fill values; return the dimensions of each."""
     samples, repeats = unit_shape(study, design)
@@ -68,7 +68,9 @@ def _declare_scores(
     dims_of = {}
     for name, (dims, dtype, attributes) in _scores(bool(kept)).items():
         shape = [sizes[d] for d in dims]
-        auxiliary = sorted(str(n) for n, c in known.coords.items() if n not in known.dims and set(c.dims) <= set(dims))
+        auxiliary = sorted(
+            str(n) for n, c in labels.coords.items() if n not in labels.dims and set(c.dims) <= set(dims)
+        )
         fill = {} if name == STATUS else {"_FillValue": "AAAAAAAA+H8="}  # NaN, as xarray spells it
         root.create_array(
             f"{design.name}/{name}",

@@ -129,11 +129,11 @@ def dead_reckoned(
     return paths
 
 
-def _expanded(expr: sp.Expr, model: Model, known: set[str]) -> sp.Expr | None:
+def _expanded(expr: sp.Expr, model: Model, names: set[str]) -> sp.Expr | None:
     """Return an expression in what is known, ports written out; ``None`` if it needs more."""
     expanded = sp.sympify(expr)
     for _ in range(len(model.ports) + 1):
-        unknown = [s for s in expanded.free_symbols if str(s) not in known]
+        unknown = [s for s in expanded.free_symbols if str(s) not in names]
         if not unknown:
             return expanded
         if any(str(s) not in model.ports for s in unknown):

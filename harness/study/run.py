@@ -87,12 +87,12 @@ _FULL = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
 class _Rate(ProgressColumn):
     """Runs per second since the start; those found in the store do not count."""
 
-    def __init__(self, found: int) -> None:
+    def __init__(self, stored: int) -> None:
         super().__init__()
-        self._found = found
+        self._stored = stored
 
     def render(self, task: Task) -> Text:
-        done, elapsed = task.completed - self._found, task.finished_time or task.elapsed
+        done, elapsed = task.completed - self._stored, task.finished_time or task.elapsed
         return Text(f"{done / elapsed:.0f} runs/s" if done and elapsed else "", style="progress.data.speed")
 
 
@@ -239,10 +239,10 @@ def _plan(evaluator: StudyEvaluator, todo: Sequence[Unit], workers: int, console
     return planned
 
 
-def _ask(found: Plan, console: Console, agree: Agree | None) -> None:
-    _say(console, str(found))
-    if found.is_large and agree is not None:
-        agree(str(found))
+def _ask(planned: Plan, console: Console, agree: Agree | None) -> None:
+    _say(console, str(planned))
+    if planned.is_large and agree is not None:
+        agree(str(planned))
 
 
 def _say(console: Console, words: str, style: str = "") -> None:

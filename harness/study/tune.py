@@ -170,7 +170,7 @@ def _losses(evaluator: StudyEvaluator, index: int, runs: list[tuple[int, Any]], 
     return [float(t) for t in total]
 
 
-def write_tuning(path: Path, study: Study, budget: int, repeats: int, found: dict[str, Tuning], command: str) -> None:
+def write_tuning(path: Path, study: Study, budget: int, repeats: int, tunings: dict[str, Tuning], command: str) -> None:
     """Write what was found, with how, as a file that a study names by ``tuning``.
 
     Args:
@@ -178,7 +178,7 @@ def write_tuning(path: Path, study: Study, budget: int, repeats: int, found: dic
         study: What was tuned; its drives are the training drives.
         budget: Candidates per estimator.
         repeats: Runs of each drive with different noise.
-        found: By estimator.
+        tunings: By estimator.
         command: That found it.
 
     Raises:
@@ -186,9 +186,9 @@ def write_tuning(path: Path, study: Study, budget: int, repeats: int, found: dic
     """
     rule = "largest likelihood of the innovations on the training drives"
     how = {"budget": budget, "repeats": repeats}
-    factors = {name: tuning.factors for name, tuning in found.items()}
+    factors = {name: tuning.factors for name, tuning in tunings.items()}
     gains = {
-        name: f"log-likelihood {tuning.before:.1f} before, {tuning.after:.1f} after" for name, tuning in found.items()
+        name: f"log-likelihood {tuning.before:.1f} before, {tuning.after:.1f} after" for name, tuning in tunings.items()
     }
     write_files(path.parent, {path.name: tuning_text(study, rule, how, factors, gains, command)})
 

@@ -269,7 +269,7 @@ def _traded(candidate: NoiseCandidate, weight: float) -> float:
 
 
 def write_worst_case(
-    path: Path, study: Study, design: DesignSpec, budget: int, points: int, found: dict[str, WorstCase], command: str
+    path: Path, study: Study, design: DesignSpec, budget: int, points: int, tunings: dict[str, WorstCase], command: str
 ) -> None:
     """Write what was found, with how, as a file that a study names by ``tuning``.
 
@@ -280,8 +280,8 @@ def write_worst_case(
     gains = {
         name: f"worst case {tuned.before.worst:.3g} before, {tuned.after.worst:.3g} after, "
         f"nominal error {tuned.after.nominal:.3g}"
-        for name, tuned in found.items()
+        for name, tuned in tunings.items()
     }
-    factors = {name: tuned.after.factors for name, tuned in found.items()}
+    factors = {name: tuned.after.factors for name, tuned in tunings.items()}
     how = {"budget": budget, "points": points}
     write_files(path.parent, {path.name: tuning_text(study, rule, how, factors, gains, command)})

@@ -38,19 +38,19 @@ def dimension_of(unit: str) -> UnitsContainer:
     return UNITS.get_dimensionality(UNITS.Unit(unit))
 
 
-def dimension(expr: sp.Expr, known: Mapping[str, UnitsContainer]) -> UnitsContainer | None:
+def dimension(expr: sp.Expr, by_name: Mapping[str, UnitsContainer]) -> UnitsContainer | None:
     """Return the dimension of an expression; ``None`` for zero and infinity, which fit every unit.
 
     Args:
         expr: Expression over symbols.
-        known: Dimension of each symbol by name.
+        by_name: Dimension of each symbol by name.
 
     Raises:
         DimensionError: Naming the first part whose operands do not fit together.
     """
 
     def same(parts: Iterable[sp.Expr], where: sp.Basic) -> UnitsContainer | None:
-        dimensions = {part: dimension(part, known) for part in parts}
+        dimensions = {part: dimension(part, by_name) for part in parts}
         kinds = {d for d in dimensions.values() if d is not None}
         if len(kinds) > 1:
             listed = "; ".join(f"{part} in {d}" for part, d in dimensions.items())
@@ -58,8 +58,8 @@ def dimension(expr: sp.Expr, known: Mapping[str, UnitsContainer]) -> UnitsContai
         return kinds.pop() if kinds else None
 
     def plain(part: sp.Expr, where: sp.Basic) -> None:
-        if dimension(part, known) not in (None, NONE):
-            raise DimensionError(f"{where} needs a plain number, got {part} in {dimension(part, known)}")
+        if dimension(part, by_name) not in (None, NONE):
+            raise DimensionError(f"{where} needs a plain number, got {part} in {dimension(part, by_name)}")
 
     def condition(part: sp.Basic) -> None:
         if isinstance(part, Relational):
@@ -69,20 +69,20 @@ def dimension(expr: sp.Expr, known: Mapping[str, UnitsContainer]) -> UnitsContai
                 condition(inner)
 
     if expr.is_Symbol:
-        if expr.name not in known:
+        if expr.name not in by_name:
             raise DimensionError(f"'{expr.name}' has no unit")
-        return known[expr.name]
+        return by_name[expr.name]
     if expr.is_number:
         return None if expr.is_zero or expr.is_infinite else NONE
     if expr.is_Mul:
         product = NONE
         for factor in expr.args:
-            product *= dimension(factor, known) or NONE
+            product *= dimension(factor, by_name) or NONE
         return product
     if expr.is_Pow:
         base, exponent = expr.args
         plain(exponent, expr)
-        inner = dimension(base, known) or NONE
+        inner = dimension(base, by_name) or NONE
         if inner != NONE and not exponent.is_number:
             raise DimensionError(f"{expr} raises {inner} to a power that is not fixed")
         return inner ** float(exponent) if inner != NONE else NONE
@@ -96,7 +96,7 @@ def dimension(expr: sp.Expr, known: Mapping[str, UnitsContainer]) -> UnitsContai
         same(expr.args, expr)
         return NONE
     if isinstance(expr, sp.sign | sp.Heaviside):
-        dimension(expr.args[0], known)
+        dimension(expr.args[0], by_name)
         return NONE
     if isinstance(expr, PURE):
         plain(expr.args[0], expr)

@@ -18,7 +18,7 @@ OFFERED = ("signals", "parameters")
 
 
 @dataclass(frozen=True)
-class State:
+class PageState:
     """Indices from 0.
 
     Attributes:
@@ -67,13 +67,13 @@ class State:
         return "?" + urlencode(entries)
 
 
-def read(arguments: Mapping[str, Sequence[bytes]], results: StudyResults) -> State:
+def read(arguments: Mapping[str, Sequence[bytes]], results: StudyResults) -> PageState:
     """Return what an address asks for; what it asks for that is not there is as if it were not asked for."""
     given = {name: values[-1].decode("utf-8", "replace") for name, values in arguments.items() if values}
     design = index_of(given.get("design"), len(results.designs)) or 0
     chosen = results.designs[design]
     every = tuple(range(len(chosen.estimators)))
-    state = State(
+    state = PageState(
         design=design,
         target=index_of(given.get("target"), len(chosen.targets)) or 0,
         score=given["score"] if given.get("score") in SCORES else "rmse",

@@ -12,7 +12,7 @@ from harness.study.results import read as read_results
 from harness.view import looks
 from harness.view.boxes import SCORES, boxes
 from harness.view.factors import Brush
-from harness.view.state import State, read
+from harness.view.state import PageState, read
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +66,7 @@ def _asked(query):
 
 def test_an_address_says_what_is_shown(results):
     brush = Brush("0", 1600.0, 1900.0, 0.01, 0.5)
-    state = State(0, 0, "nis", 1, None, False, (1,), Place(0, 1, 1, 0, 5), (0, 1), brush, {"mass": 1750.5},
+    state = PageState(0, 0, "nis", 1, None, False, (1,), Place(0, 1, 1, 0, 5), (0, 1), brush, {"mass": 1750.5},
                   ("yaw_rate", "lateral_velocity"), ())  # fmt: skip
     assert read(_asked(state.query), results) == state
     assert read({}, results).estimators == (0, 1)

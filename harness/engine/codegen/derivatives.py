@@ -197,9 +197,9 @@ def _expand(model: Model) -> dict[sp.Symbol, sp.Expr]:
     return expanded
 
 
-def _substitute(expr: sp.Expr, known: dict[sp.Symbol, sp.Expr]) -> sp.Expr:
+def _substitute(expr: sp.Expr, values: dict[sp.Symbol, sp.Expr]) -> sp.Expr:
     """Return an expression with all that is known written out; its own tangents rewritten, those of the known are."""
-    written = expr.xreplace({s: known[s] for s in expr.free_symbols if s in known})
+    written = expr.xreplace({s: values[s] for s in expr.free_symbols if s in values})
     return _without_tangents(written) if expr.has(sp.tan) else written
 
 
@@ -242,13 +242,13 @@ class _ForwardMode:
                 result[i, j] = value
         return result
 
-    def _differentiate(self, expr: sp.Expr, known: dict[sp.Symbol, dict[int, sp.Expr]]) -> dict[int, sp.Expr]:
+    def _differentiate(self, expr: sp.Expr, slopes: dict[sp.Symbol, dict[int, sp.Expr]]) -> dict[int, sp.Expr]:
         row: dict[int, list[sp.Expr]] = {}
-        for s in sorted(expr.free_symbols & known.keys(), key=str):
+        for s in sorted(expr.free_symbols & slopes.keys(), key=str):
             slope = expr.diff(s).replace(sp.DiracDelta, lambda *_: sp.Integer(0))
             if slope == 0:
                 continue
-            for j, inner in known[s].items():
+            for j, inner in slopes[s].items():
                 row.setdefault(j, []).append(slope * inner)
         summed = {j: sp.Add(*terms) for j, terms in row.items()}
         return {j: value for j, value in summed.items() if value != 0}

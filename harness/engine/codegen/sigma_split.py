@@ -107,8 +107,8 @@ def _costs_by_last_state(eqs: Equations, ahead: list[sp.Expr]) -> list[int]:
             at = sorted(visit(a) for a in expr.args)
             seen[expr] = at[-1]
             if expr.is_Add or expr.is_Mul:
-                for one in at[1:]:  # terms of few states are put together first
-                    cost[one] += 1
+                for index in at[1:]:  # terms of few states are put together first
+                    cost[index] += 1
             elif expr.is_Pow and expr.exp.is_Integer:
                 cost[at[-1]] += _DIVISION if expr.exp.is_negative else 1
             else:

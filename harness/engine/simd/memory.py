@@ -21,8 +21,8 @@ def _without_owner(context: Any, builder: Any, ty: Any, value: Any) -> Any:
         return model.set(builder, value, nobody, "meminfo")
     if isinstance(ty, types.BaseTuple):
         for i, part in enumerate(ty):
-            one = _without_owner(context, builder, part, builder.extract_value(value, i))
-            value = builder.insert_value(value, one, i)
+            inner = _without_owner(context, builder, part, builder.extract_value(value, i))
+            value = builder.insert_value(value, inner, i)
     return value
 
 

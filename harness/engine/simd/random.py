@@ -61,8 +61,8 @@ def _constants(kind: ir.VectorType, value: float) -> ir.Constant:
     return ir.Constant(kind, [value] * LANES)
 
 
-def _rotate(b: Any, x: Any, left: int) -> Any:
-    return b.or_(b.shl(x, _constants(_I64, left)), b.lshr(x, _constants(_I64, 64 - left)))
+def _rotate(b: Any, x: Any, bits: int) -> Any:
+    return b.or_(b.shl(x, _constants(_I64, bits)), b.lshr(x, _constants(_I64, 64 - bits)))
 
 
 @intrinsic

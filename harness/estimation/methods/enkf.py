@@ -156,12 +156,12 @@ def draw_measurement_noise(r, noise, s0, s1):
         deviation, total = sqrt(get(r, a)), splat(0.0)
         for n in range(0, count, 2):
             word, s0, s1 = next_words(s0, s1)
-            one, other = normal_pair(word)
-            put(deviation * one, noise, n, a)
-            total = total + deviation * one
+            first, second = normal_pair(word)
+            put(deviation * first, noise, n, a)
+            total = total + deviation * first
             if n + 1 < count:
-                put(deviation * other, noise, n + 1, a)
-                total = total + deviation * other
+                put(deviation * second, noise, n + 1, a)
+                total = total + deviation * second
         for n in range(count):
             put(get(noise, n, a) - total * (1.0 / count), noise, n, a)
     return s0, s1

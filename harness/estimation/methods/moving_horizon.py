@@ -197,16 +197,16 @@ def filter_window(fresh, arrival, samples, constants, work, filtered, covariance
         scalar_updates(lines[1], P, outputs[0], H, SEEN_STATES, y, r, filtered[k], covariances[k], scratch, written)
 
 
-def linear_outputs(found, x, u, constants, H, outputs):
-    """Write the outputs at ``x`` on the equations linearised at ``found``, to row 0, and their slopes."""
-    output_jacobian(found, u, constants, outputs[0], H)
+def linear_outputs(point, x, u, constants, H, outputs):
+    """Write the outputs at ``x`` on the equations linearised at ``point``, to row 0, and their slopes."""
+    output_jacobian(point, u, constants, outputs[0], H)
     for a in range(NY):
         value = get(outputs, 0, a)
         for c in range(SEEN_STATES.shape[1]):
             j = SEEN_STATES[a, c]
             if j < 0:
                 break
-            value = value + get(H, a, j) * (get(x, j) - get(found, j))
+            value = value + get(H, a, j) * (get(x, j) - get(point, j))
         put(value, outputs, 0, a)
 
 

@@ -218,10 +218,10 @@ def draw(count, z, redrawn, s0, s1):
     t0, t1 = s0, s1
     for p in range(0, count, 2):
         word, t0, t1 = next_words(t0, t1)
-        one, other = normal_pair(word)
-        put(one, z, p)
+        first, second = normal_pair(word)
+        put(first, z, p)
         if p + 1 < count:
-            put(other, z, p + 1)
+            put(second, z, p + 1)
     return select(redrawn, t0, s0), select(redrawn, t1, s1)
 
 

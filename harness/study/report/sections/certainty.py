@@ -112,11 +112,11 @@ def _run(data: xr.Dataset) -> list[Block]:
     return [Prose(plain(f"{which}: {' '.join(said)}")), Sheet(header, rows, caption, left=2)]
 
 
-def _sentence(target: Quantity, found: dict[str, list[float]]) -> list[str]:
+def _sentence(target: Quantity, widths: dict[str, list[float]]) -> list[str]:
     """Say for one quantity in which classes it is seen, by the estimators' median width."""
-    if not found:
+    if not widths:
         return []
-    table = np.array(list(found.values()))
+    table = np.array(list(widths.values()))
     finite = np.isfinite(table).all(axis=0)
     if finite.sum() < 2:
         return []

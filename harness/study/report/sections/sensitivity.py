@@ -71,15 +71,15 @@ def in_short(ranking: Ranking) -> list[str]:
     return sentences
 
 
-def _undecided(ranking: Ranking, found: Indices) -> str:
+def _undecided(ranking: Ranking, indices: Indices) -> str:
     """Say that the samples do not tell which factor leads, where they do not."""
-    second = found.total[found.order[1]].value if len(found.order) > 1 else 0.0
-    if second < DRIVING or found.lead.lower > 0:
+    second = indices.total[indices.order[1]].value if len(indices.order) > 1 else 0.0
+    if second < DRIVING or indices.lead.lower > 0:
         return ""
-    first, other = (ranking.design.factors[i].words for i in found.order[:2])
+    first, other = (ranking.design.factors[i].words for i in indices.order[:2])
     return (
-        f"; {found.samples} base samples are too few to decide whether {first} or {other} does more (difference "
-        f"{_told(found.lead)})"
+        f"; {indices.samples} base samples are too few to decide whether {first} or {other} does more (difference "
+        f"{_told(indices.lead)})"
     )
 
 
