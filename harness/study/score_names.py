@@ -1,4 +1,4 @@
-"""What a run is scored by: the codes of its status, the names of its scores and what each of them means."""
+"""Names of scores with their meanings, and the codes of the status of a run."""
 
 from __future__ import annotations
 
