@@ -12,6 +12,7 @@ import json
 import os
 import re
 import sys
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -110,10 +111,10 @@ class _Command(typer.core.TyperCommand):
         """
         args = [_today(str(self.name), word) for word in args]
         given, _, order = self.make_parser(ctx).parse_args(list(args))
-        for option in (p for p in order if isinstance(p, typer.core.TyperOption)):
-            values = given[str(option.name)] if option.multiple else [""] * order.count(option)
-            meant = [os.path.realpath(v) for v in values]  # ./a is a, and a word that is no file stays itself
-            twice = next((v for n, v in enumerate(values) if meant[n] in meant[:n]), None)
+        for option, count in Counter(p for p in order if isinstance(p, typer.core.TyperOption)).items():
+            values = given[str(option.name)] if option.multiple else [""] * count
+            meant = Counter(map(os.path.realpath, values))  # ./a is a, and a word that is no file stays itself
+            twice = next((v for v in reversed(values) if meant[os.path.realpath(v)] > 1), None)
             if twice is not None and (not option.is_flag or option.secondary_opts):
                 raise typer.BadParameter(f"is given twice{twice and f', as {twice}'}; give it once", ctx, option)
         return super().parse_args(ctx, args)
@@ -372,8 +373,8 @@ def cache(
 
     folder = cache_folder()
     # Only what load_source and numba wrote: the folder is the user's choice and may hold other things.
-    generated = [p for p in folder.glob("*.py") if re.fullmatch(r".+_[0-9a-f]{8,}", p.stem)]
-    caches = [p for p in folder.glob("__pycache__/*") if re.match(r".+_[0-9a-f]{8,}\.", p.name)]
+    generated = [p for p in folder.glob("*.py") if re.fullmatch(r".+_[0-9a-f]{8,}", p.stem) and p.is_file()]
+    caches = [p for p in folder.glob("__pycache__/*") if re.match(r".+_[0-9a-f]{8,}\.", p.name) and p.is_file()]
     size = sum(p.stat().st_size for p in (*generated, *caches))
     if clear:
         for path in (*generated, *caches):

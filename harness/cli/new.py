@@ -15,6 +15,7 @@ from harness.cli.options import ModelOptions, ParametersOption, TyreOption
 from harness.common import locations
 from harness.common.errors import UserError
 from harness.common.files import write_files
+from harness.common.places import refuse_links
 
 Kind = Literal["project", "vehicle", "effect", "estimator", "tyre", "study", "channels", "parameters"]
 
@@ -103,6 +104,7 @@ def write_new(kind: str, name: str) -> list[Path]:
     texts = {path.format(name=called): _filled(template, called) for path, template in WRITES[kind].items()}
     if kind == "project":
         texts["studies/first.toml"] = _filled("study.toml", "first")
+    refuse_links(root, texts)
     there = [root / path for path in texts if (root / path).exists()]
     if there:
         raise UserError(
@@ -159,6 +161,8 @@ def _channels(given: str, out: Path | None, console: Console) -> tuple[str, list
     if out is None:
         root = locations.project()
         out = Path(f"{called}.toml") if root is None else root / locations.CHANNELS.in_project / f"{called}.toml"
+        if root is not None:
+            refuse_links(root, [f"{locations.CHANNELS.in_project}/{called}.toml"])
     if out.exists():
         raise UserError(f"{locations.shown(out)}: is there already, and nothing is written over; say another by --out")
     for sentence in proposal.lines():

@@ -18,7 +18,7 @@ def remedy(
         str | None, typer.Option("--estimator", "-e", help="Name of an estimator of the study; its EKF if absent.")
     ] = None,
     equipment: Annotated[
-        int, typer.Option("--equipment", min=0, help="How many larger sets of sensors to try, those of most promise.")
+        int, typer.Option("--equipment", min=0, max=100, help="How many larger sets of sensors to try.")
     ] = 2,
     trace: Annotated[
         Path | None,

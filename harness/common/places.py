@@ -103,7 +103,7 @@ def refuse_links(folder: Path, names: Iterable[str]) -> None:
             except _ABSENT:
                 break
             if stat.S_ISLNK(mode):
-                raise UserError(f"{path}: is a link, and no result holds any; put there what it leads to, or remove it")
+                raise UserError(f"{path}: is a link, and none is followed; put there what it leads to, or remove it")
             if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
                 raise UserError(f"{path}: is no file but a pipe or a device; remove it")
 

@@ -432,13 +432,15 @@ def test_cache_is_shown_and_only_what_was_generated_is_cleared(harness, tmp_path
     (folder / "__pycache__").mkdir(parents=True)
     (folder / "semitrailer_0123456789abcdef.py").write_text("x = 1")
     (folder / "__pycache__" / "semitrailer_0123456789abcdef.step-1.py311.nbi").write_text("x")
+    (folder / "model_0123456789abcdee.py").mkdir()
     (folder / "letter_to_my_aunt.txt").write_text("kept")
     monkeypatch.setenv("HARNESS_CACHE", str(folder))
     status, out, _ = harness("cache")
     assert (status, out) == (0, f"2 files, 0.0 MiB in {folder}\n")
     assert harness("cache", "--clear")[1] == f"2 files, 0.0 MiB deleted from {folder}\n"
-    assert [p.name for p in folder.iterdir()] == ["letter_to_my_aunt.txt"]
+    assert sorted(p.name for p in folder.iterdir()) == ["letter_to_my_aunt.txt", "model_0123456789abcdee.py"]
     (folder / "letter_to_my_aunt.txt").unlink()
+    (folder / "model_0123456789abcdee.py").rmdir()
     assert harness("cache", "--clear")[1].startswith("0 files")
     assert not folder.exists()
     assert harness("cache")[1].startswith("0 files")

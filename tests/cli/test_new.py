@@ -91,6 +91,20 @@ def test_a_new_study_runs(lab):
     assert (run_study(load_study(path), lab / "out", jobs=1) / "scores.zarr").is_dir()
 
 
+@pytest.mark.parametrize("kind", ["project", "study"])
+def test_nothing_is_written_through_a_link(run, kind, tmp_path, monkeypatch):
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "lab").mkdir()
+    (tmp_path / "lab" / "studies").symlink_to(tmp_path / "elsewhere")
+    if kind == "study":
+        (tmp_path / "lab" / "harness.toml").write_text("")
+    monkeypatch.chdir(tmp_path / "lab" if kind == "study" else tmp_path)
+    status, output = run("new", kind, "lab")
+    assert status != 0
+    assert "lab/studies: is a link" in output.replace("\n", "")
+    assert list((tmp_path / "elsewhere").iterdir()) == []
+
+
 @pytest.mark.parametrize("kind", [k for k in WRITES if k != "project"])
 def test_nothing_is_written_over(kind, lab):
     write_new(kind, "mine")
