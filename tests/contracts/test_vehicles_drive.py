@@ -25,7 +25,7 @@ def test_every_kind_with_its_defaults(vehicle):
     measured = set(model.spec.model().inputs) - {"time", *DRIVE_INPUTS, *model.spec.model().rates}
     for kind in WITHOUT_FILE:
         drive = h.drive(kind)
-        profile = profile_of(model.spec, drive.spec)
+        profile = profile_of(model.spec, drive)
         if measured - set(profile.further):  # a vehicle that follows a sensor has nothing to follow
             with pytest.raises(UserError, match="a simulated drive has no input"):
                 h.simulate(model, drive)
@@ -40,13 +40,13 @@ def test_a_default_amplitude_keeps_to_the_limit_and_a_stated_one_is_refused():
     car, truck = h.model("car"), h.model("semitrailer")
     sine = options_of("sine")
     default = next(o.default for o in sine if o.name == AMPLITUDE.name)
-    steered = {v: np.abs(profile_of(m.spec, h.drive("sine").spec).steering_wheel_angle).max()
+    steered = {v: np.abs(profile_of(m.spec, h.drive("sine")).steering_wheel_angle).max()
                for v, m in (("car", car), ("truck", truck))}  # fmt: skip
     assert steered["truck"] == pytest.approx(default, rel=1e-3)
     wheelbase = sum(car.spec.values[n] for n in ("cog_to_front_axle", "cog_to_rear_axle"))
     allowed = car.spec.values["steering_ratio"] * np.arctan(LIMIT.default * wheelbase / 15.0**2)
     assert steered["car"] == pytest.approx(allowed)
     with pytest.raises(ModelError, match=r"asks for 3\.28 m/s\^2"):
-        profile_of(car.spec, h.drive("sine", amplitude=default).spec)
-    raised = profile_of(car.spec, h.drive("sine", lateral_acceleration_limit=4).spec)
+        profile_of(car.spec, h.drive("sine", amplitude=default))
+    raised = profile_of(car.spec, h.drive("sine", lateral_acceleration_limit=4))
     assert np.abs(raised.steering_wheel_angle).max() == pytest.approx(default, rel=1e-3)

@@ -12,7 +12,7 @@ def test_a_recording_is_read_as_it_was_driven():
     truck = h.model("semitrailer", "ziaukas_2023")
     drive = h.drive("winding_road", duration="20 s", speed="15 m/s")
     model, step = truck.spec.model(), truck.spec.step
-    at, between = straight(input_table(profile_of(truck.spec, drive.spec), model), model)
+    at, between = straight(input_table(profile_of(truck.spec, drive), model), model)
     read = inputs_of(h.simulate(truck, drive, seed=1), model, step, "joined")
     np.testing.assert_array_equal(read.at, at)
     np.testing.assert_array_equal(read.between, between)
@@ -27,7 +27,7 @@ def test_the_step_of_a_simulation_takes_the_inputs_behind_the_sample():
     for step, held in (("10 ms", True), ("10 ms", False), ("1 ms", True)):
         car = h.model("car", "govindarajan_2018", sensors="car_series", integrator="rk4", step=step)
         drive = h.drive("sine", duration="10 s", amplitude="20 deg", frequency="1 Hz")
-        profile = profile_of(car.spec, drive.spec)
+        profile = profile_of(car.spec, drive)
         every = round(0.01 / car.spec.step)
         found[step, held] = simulate_drive(car.spec, profile, held=held)["yaw_rate"].to_numpy()[::every]
     fine = found["1 ms", True]
