@@ -213,9 +213,9 @@ def _parse(text: str, unit: str, where: str) -> float:
     number, source = float(parts[0].replace(" ", "")), parts[1]
     try:
         zero_value, unit_value = _ends(source, _plain(unit))
-        return (
-            number * unit_value if zero_value == 0.0 else _converted(number, source, _plain(unit))
-        )  # of a temperature, say
+        if zero_value != 0.0:  # of a temperature, say
+            return _converted(number, source, _plain(unit))
+        return number * unit_value
     except _Unfit as unfit:
         gram = "; 'g' is the gram, standard gravity is 'g_0'" if unfit.is_gram else ""
         raise UserError(
