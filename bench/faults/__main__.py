@@ -8,6 +8,7 @@ import shutil
 import sys
 import time
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 from bench.faults.faults import PLAN, SHORT, Fault, Unexpected
@@ -75,7 +76,7 @@ def _same(job: Job, reference: Path) -> bool:
 
 
 def _differing(job: Job, reference: Path) -> list[str]:
-    there = Job(job.name, job.arguments, reference).bits()
+    there = replace(job, out=reference).bits()
     there.pop("seconds")
     here = job.bits()
     return sorted(name for name in here.keys() | there.keys() if here.get(name) != there.get(name))

@@ -72,11 +72,13 @@ class Job:
         name: What it is.
         arguments: Of the command line.
         out: The folder.
+        timed: Files in it that hold durations, which no two runs share.
     """
 
     name: str
     arguments: tuple[str, ...]
     out: Path
+    timed: tuple[str, ...] = ()
 
     def start(self, fault: str = "nothing", further: tuple[str, ...] = ()) -> subprocess.Popen[str]:
         """Start it in a process group of its own, with a fault of ``bench.faults.child`` if one is given."""
@@ -110,11 +112,11 @@ class Job:
         shutil.rmtree(self.out, ignore_errors=True)
 
     def bits(self) -> dict[str, bytes | object]:
-        """Return every file that it has written; metadata as what they say, and without the record of the run."""
+        """Return every file that it has written; metadata as what they say, and without what tells durations."""
         contents: dict[str, bytes | object] = {}
         for path in sorted(p for p in self.out.rglob("*") if p.is_file()):
             name = path.relative_to(self.out).as_posix()
-            if path.name not in ("run.json", "run.lock"):
+            if path.name not in ("run.json", "run.lock", *self.timed):
                 contents[name] = json.loads(path.read_bytes()) if path.name == "zarr.json" else path.read_bytes()
         return contents
 
@@ -145,5 +147,6 @@ def jobs(folder: Path) -> dict[str, Job]:
     for name, arguments in commands.items():
         out = folder / f"out-{name}"
         where = out / "tuned.toml" if name == "tune" else out
-        by_name[name] = Job(name, (*arguments, str(where)), out)
+        timed = ("report.html", "report.pdf") if name == "remedy" else ()  # of steps, as measured
+        by_name[name] = Job(name, (*arguments, str(where)), out, timed)
     return by_name
