@@ -18,7 +18,8 @@ def remedy(
         str | None, typer.Option("--estimator", "-e", help="Name of an estimator of the study; its EKF if absent.")
     ] = None,
     equipment: Annotated[
-        int, typer.Option("--equipment", min=0, max=100, help="How many larger sets of sensors to try.")
+        int,
+        typer.Option("--equipment", min=0, max=MOST, help="How many larger sets of sensors, those of most promise."),
     ] = 2,
     trace: Annotated[
         Path | None,
