@@ -1,0 +1,88 @@
+"""Worker processes: what foreign code may do to itself, and what is left of a study then."""
+
+import os
+import time
+
+import pytest
+
+from harness.common.errors import UserError
+from harness.external.processes import Lost, Workers
+
+BODY = """
+import os, sys, time
+class Body:
+    def double(self, x): return 2 * x
+    def crash(self): os.kill(os.getpid(), 11)
+    def leave(self): os._exit(3)
+    def exit(self): sys.exit("bye")
+    def hang(self): time.sleep(60)
+    def shout(self):
+        for _ in range(200): os.write(1, b"x" * 100_000)
+        return 1
+    def whisper(self):
+        print("licence expired", flush=True); os._exit(4)
+    def fail(self): raise RuntimeError("no licence\\nfor you")
+    def pid(self): return os.getpid()
+def load(loader):
+    if loader.get("refuse"): raise ValueError("not on this machine")
+    if loader.get("crash"): os.abort()
+    return Body()
+"""
+
+
+@pytest.fixture
+def loader(tmp_path, monkeypatch):
+    (tmp_path / "somebody_elses_body.py").write_text(BODY)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    return {"kind": "somebody_elses_body"}
+
+
+@pytest.fixture
+def workers(loader, request):
+    pool = Workers(loader, timeout=getattr(request, "param", 20.0))
+    yield pool
+    pool.close()
+
+
+@pytest.mark.parametrize(
+    ("method", "words"),
+    [
+        ("crash", "ended by SIGSEGV"),
+        ("leave", "ended with status 3"),
+        ("exit", "sys.exit('bye')"),
+        ("whisper", "it last said: licence expired"),
+        ("fail", "RuntimeError: no licence for you (somebody_elses_body.py, line 14)"),
+    ],
+)
+def test_what_goes_wrong_loses_one_call_and_is_said_in_one_line(workers, method, words):
+    got = [workers.call("double", 1), workers.call(method), workers.call("double", 3)]
+    assert got[0] == 2
+    assert isinstance(got[1], Lost)
+    assert words in got[1].reason
+    assert "\n" not in got[1].reason
+    assert got[2] == 6
+
+
+@pytest.mark.parametrize("workers", [1.0], indirect=True)
+def test_what_hangs_is_ended_and_replaced(workers):
+    first = workers.call("pid")
+    begin = time.monotonic()
+    (lost, double) = [workers.call("hang"), workers.call("double", 5)]
+    assert "within 1 s" in lost.reason
+    assert double == 10
+    assert time.monotonic() - begin < 15.0
+    assert not os.path.exists(f"/proc/{first}") or workers.call("pid") != first
+
+
+def test_megabytes_of_output_stop_nothing(workers):
+    assert workers.call("shout") == 1
+
+
+def test_a_process_is_reused(workers):
+    assert len({workers.call("pid") for _ in range(3)}) == 1
+
+
+@pytest.mark.parametrize(("how", "words"), [("refuse", "not on this machine"), ("crash", "SIGABRT")])
+def test_a_body_that_cannot_be_made_is_an_error_of_the_user(loader, how, words):
+    with pytest.raises(UserError, match=words):
+        Workers({**loader, how: True}).call("double", 1)
