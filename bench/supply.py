@@ -28,7 +28,7 @@ from harness.common.arguments import Parser
 ROOT = Path(__file__).resolve().parents[1]
 LOCKS = {
     "requirements.lock": "the package",
-    "requirements-dev.lock": "its extras `mdf`, `cluster` and `remote`, tests and checks, besides",
+    "requirements-dev.lock": "its extras, tests and checks, besides",
     "requirements-docs.lock": "the site and the notebooks, besides",
 }
 PAGE, BEGIN, END = ROOT / "docs" / "tables" / "licences.md", "<!-- licences -->\n", "<!-- end of licences -->\n"
