@@ -22,7 +22,7 @@ from rich.table import Table
 
 from bench.engine import ROOT, tiled
 from harness.common.arguments import Parser
-from harness.config import Study, load_study
+from harness.config import StudySpec, load_study
 from harness.cuda.kernels import CardKernel, name_of_card
 from harness.cuda.on_card import Begun, CardEvaluator, Loaded
 from harness.engine.kernel_names import Belief, State
@@ -35,7 +35,7 @@ RUNS = (100, 1_000, 10_000, 100_000)
 Scores = Mapping[str, NDArray[Any]]
 
 
-def joint_study(path: Path = ROOT / "studies" / "joint.toml", kinds: Sequence[str] = ()) -> Study:
+def joint_study(path: Path = ROOT / "studies" / "joint.toml", kinds: Sequence[str] = ()) -> StudySpec:
     """Return the joint study with what a card runs of it, or with estimators of some kinds as they are by default."""
     study = load_study(path)
     estimators = tuple(each for each in study.estimators if "cuda" in load_estimator(each.kind).DEVICES)
@@ -68,7 +68,7 @@ class Measurement:
         samples: Of the drive that are run.
     """
 
-    def __init__(self, study: Study, drive: int = 0, samples: int | None = None) -> None:
+    def __init__(self, study: StudySpec, drive: int = 0, samples: int | None = None) -> None:
         self.evaluator = StudyEvaluator(study)
         whole = self.evaluator.compiled.drives[drive]
         if samples is not None:
@@ -110,7 +110,7 @@ class Measurement:
         return apart(self.evaluator.study, self.evaluator.evaluate(unit), got)
 
 
-def apart(study: Study, wanted: Scores, got: Scores) -> dict[str, dict[str, float]]:
+def apart(study: StudySpec, wanted: Scores, got: Scores) -> dict[str, dict[str, float]]:
     """Return by estimator the largest relative difference of each score, and how many runs have an RMSE off by 1e-6."""
     result: dict[str, dict[str, float]] = {}
     for e, spec in enumerate(study.estimators):

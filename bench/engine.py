@@ -12,7 +12,7 @@ import joblib
 import numpy as np
 
 from bench.timing import quickest
-from harness.config import Study, load_study
+from harness.config import StudySpec, load_study
 from harness.engine.simd.lanes import LANES
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
@@ -33,7 +33,7 @@ LARGEST_BATCH = 2**24
 """Bytes; the arrays of a measurement are smaller."""
 
 
-def mass_study(*kinds: str) -> Study:
+def mass_study(*kinds: str) -> StudySpec:
     """Return the mass study, with these estimators alone if any are given."""
     study = load_study(ROOT / "studies" / "mass.toml")
     chosen = tuple(e for e in study.estimators if not kinds or e.kind in kinds)
@@ -63,7 +63,7 @@ def particle_time(samples: int = 200, rounds: int = 8) -> float:
     return 1e3 * _step_times(dataclasses.replace(study, estimators=estimators), samples, rounds)["particle"] / PARTICLES
 
 
-def _step_times(study: Study, samples: int, rounds: int) -> dict[str, float]:
+def _step_times(study: StudySpec, samples: int, rounds: int) -> dict[str, float]:
     keep_pages()
     evaluator = StudyEvaluator(study)
     unit, cases = Unit(0, 4, 3, 0, 1), [Case(0, r) for r in range(LANES)]

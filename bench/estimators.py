@@ -21,7 +21,7 @@ import numpy as np
 from bench.remedy import table
 from harness.common.arguments import Parser
 from harness.common.arrays import Floats
-from harness.config import Study, build_study
+from harness.config import StudySpec, build_study
 from harness.engine.simd.lanes import LANES
 from harness.remedy.run import time_of_step
 from harness.runner.contract import Batch
@@ -57,7 +57,7 @@ CASES = ("as believed", "outliers", "noisier", "lighter")
 SHARE, SIZE, NOISIER, LIGHTER = 0.02, 20.0, 4.0, 2 / 3
 
 
-def study(kinds: list[str], steering: str) -> Study:
+def study(kinds: list[str], steering: str) -> StudySpec:
     """Return a study of these estimators at the believed vehicle."""
     content = {
         "name": "estimators",

@@ -26,7 +26,7 @@ import numpy as np
 from harness.common.arguments import Parser
 from harness.common.arrays import Floats
 from harness.common.statistics import average_bounds
-from harness.config import Study, build_study, load_study
+from harness.config import StudySpec, build_study, load_study
 from harness.remedy.run import steps_in_turn
 from harness.study.design import Unit, units
 from harness.study.evaluate import StudyEvaluator
@@ -59,7 +59,7 @@ def study(
     further: Mapping[str, Any],
     side: str = "plant",
     levels: Sequence[str] = LEVELS,
-) -> Study:
+) -> StudySpec:
     """Return a study of one estimator at every level of the mass."""
     factor = {"parameter": "trailer_mass", "of": side, "levels": levels}
     content = {
@@ -94,7 +94,7 @@ class Run:
     kept: Floats
 
 
-def runs(compared: Study) -> Iterator[Run]:
+def runs(compared: StudySpec) -> Iterator[Run]:
     """Run a study of one estimator."""
     evaluator, design = StudyEvaluator(compared), compared.designs[0]
     names, begin = evaluator.compiled.truth_names, round(compared.score_after / compared.plant.step)

@@ -23,7 +23,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from harness.config import Study, load_study
+from harness.config import StudySpec, load_study
 from harness.engine import standard_normal
 from harness.study import checksums, evaluate, run
 from harness.study.cluster import connected
@@ -81,7 +81,7 @@ class _Clock:
 
         return call
 
-    def evaluator(self, study: Study) -> StudyEvaluator:
+    def evaluator(self, study: StudySpec) -> StudyEvaluator:
         """Return the evaluator of a study whose kernels are timed from its first unit on, when all are compiled."""
         made = StudyEvaluator(study)
         real: Any = made.evaluate

@@ -31,7 +31,7 @@ from harness.common.process import peak_memory_mib
 from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
 from harness.estimation.compiled_estimator import CompiledEstimator
-from harness.models.assembly.assemble import Model, assemble
+from harness.models.assembly.assemble import StateSpaceModel, assemble
 from harness.models.contracts import Parameter
 from harness.models.signals import Signal
 from harness.runner.contract import Held, InputSeries, Signals
@@ -60,7 +60,7 @@ VALUES = {
 }  # fmt: skip
 
 
-def road_train(states: int) -> Model:
+def road_train(states: int) -> StateSpaceModel:
     """Return a tractor with as many trailers as make that many states.
 
     Args:

@@ -17,7 +17,7 @@ import sympy as sp
 from harness.cli.options import answers_errors
 from harness.common.arguments import Parser
 from harness.common.units import registry as unit_registry
-from harness.models.assembly.assemble import Model, assemble, symbol
+from harness.models.assembly.assemble import StateSpaceModel, assemble, symbol
 from harness.models.contracts import DriveContext, Option, Profile
 from harness.models.drive_options import kinds
 from harness.models.drives._shapes import lateral_acceleration
@@ -81,7 +81,7 @@ def reference_peaks(
     return {name: dict(zip(WATCHED, peak[:, row], strict=True)) for row, name in enumerate(names)}
 
 
-def _compile(model: Model, watched: Sequence[str]) -> Any:
+def _compile(model: StateSpaceModel, watched: Sequence[str]) -> Any:
     """Return ``f(x, u, p)``: the derivatives and then the watched quantities, stacked, for lanes."""
     arguments = [[symbol(n) for n in group] for group in (model.states, model.inputs, model.parameter_names)]
     ports = [(symbol(name), expression) for name, expression in model.ports.items()]

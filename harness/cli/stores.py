@@ -15,7 +15,7 @@ from harness.cli.options import place, study_path
 from harness.common.errors import WorkError
 
 if TYPE_CHECKING:
-    from harness.config import Study
+    from harness.config import StudySpec
     from harness.study.checksums import Fault
 
 _SHOWN = 20
@@ -45,7 +45,7 @@ def verify(
     from harness.study.stored import study_of
     from harness.study.verify import verify as check
 
-    def find() -> Study:
+    def find() -> StudySpec:
         return study_of(folder) if study is None else load_study(study_path(study))
 
     verification = check(folder, find, sample, seed)

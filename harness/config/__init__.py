@@ -1,4 +1,4 @@
-"""Study file in, ``Study`` out: everything checked, every number SI, every default filled in.
+"""Study file in, ``StudySpec`` out: everything checked, every number SI, every default filled in.
 
 ``schema`` holds the keys, ``model`` resolves plant and belief, ``entries`` drives and estimators, ``factors`` and
 ``designs`` the designs; ``load`` puts them together, and ``specs`` is what all later stages read.
@@ -19,7 +19,7 @@ from harness.config.specs import (
     HistorySpec,
     InputSignal,
     ModelSpec,
-    Study,
+    StudySpec,
 )
 
 __all__ = [
@@ -32,8 +32,8 @@ __all__ = [
     "HistorySpec",
     "InputSignal",
     "ModelSpec",
-    "Study",
     "StudyFile",
+    "StudySpec",
     "build_study",
     "complete",
     "fitting_sensors",

@@ -23,7 +23,7 @@ from harness.config.schema import (
     ReportTable,
     StudyFile,
 )
-from harness.config.specs import CountFrom, DesignSpec, Side, Study
+from harness.config.specs import CountFrom, DesignSpec, Side, StudySpec
 
 
 @dataclass(frozen=True)
@@ -42,13 +42,13 @@ class Change:
 
 
 def alone(
-    study: Study,
+    study: StudySpec,
     design: DesignSpec,
     drive: str,
     values: Sequence[float],
     count_from: CountFrom,
     changes: Sequence[Change] = (),
-) -> Study:
+) -> StudySpec:
     """Return a study that holds a single run of another one, and gives it the same scores.
 
     Args:
@@ -96,7 +96,7 @@ def _changed(factors: Mapping[tuple[str, Side], float], changes: Sequence[Change
     return factors_now
 
 
-def _with_whole_paths(table: EstimatorTable, study: Study) -> EstimatorTable:
+def _with_whole_paths(table: EstimatorTable, study: StudySpec) -> EstimatorTable:
     spec = next(e for e in study.estimators if e.name == (table.name or table.kind))
     return table.model_copy(update=whole_paths(table.further, spec.base))
 

@@ -27,7 +27,7 @@ from harness.config.factors import Models, number
 from harness.config.model import resolve_model, stated
 from harness.config.problems import Problems, validated
 from harness.config.schema import DriveTable, HistoryTable, StudyFile
-from harness.config.specs import CountFrom, DesignSpec, DriveSpec, HistorySpec, ModelSpec, Study
+from harness.config.specs import CountFrom, DesignSpec, DriveSpec, HistorySpec, ModelSpec, StudySpec
 from harness.config.tuning import with_tuning
 from harness.models.contracts import DRIVE_INPUTS
 
@@ -40,7 +40,7 @@ QUICK_RUNS = 8
 QUICK_SUFFIX = "-quick"
 
 
-def load_study(path: str | Path, quick: bool = False, tuned: bool = True) -> Study:
+def load_study(path: str | Path, quick: bool = False, tuned: bool = True) -> StudySpec:
     """Read a study file, check everything in it and return it with all defaults and units resolved.
 
     Args:
@@ -100,7 +100,7 @@ def _shortened(study: StudyFile, drives: Sequence[DriveSpec]) -> StudyFile:
     return study.model_copy(update=changes)
 
 
-def build_study(content: Mapping[str, Any] | StudyFile, path: str | Path = "study") -> Study:
+def build_study(content: Mapping[str, Any] | StudyFile, path: str | Path = "study") -> StudySpec:
     """Return a study made in Python, checked and resolved as if it stood in a file, see ``load_study``.
 
     Args:
@@ -126,7 +126,7 @@ def build_study(content: Mapping[str, Any] | StudyFile, path: str | Path = "stud
     return _resolve_tables(raw, path)
 
 
-def _resolve_tables(raw: StudyFile, path: Path) -> Study:
+def _resolve_tables(raw: StudyFile, path: Path) -> StudySpec:
     """Check a study that stands in no file as it is, see ``_resolve``; its text is the file that states the same."""
     try:
         text = toml_text(raw.model_dump(exclude_unset=True, exclude_none=True))
@@ -139,7 +139,7 @@ _TAKEN = {"history": "the runs over time", "checksums": "those of its files", "z
 """Names in a store that no design can have, and what is there."""
 
 
-def _resolve(raw: StudyFile, text: str, path: Path) -> Study:
+def _resolve(raw: StudyFile, text: str, path: Path) -> StudySpec:
     """Check what a study says and return it with all defaults and units resolved."""
     problems = Problems(str(path))
     folder = path.parent
@@ -171,7 +171,7 @@ def _resolve(raw: StudyFile, text: str, path: Path) -> Study:
     problems.stop()
     assert plant is not None
     assert belief is not None
-    study = Study(
+    study = StudySpec(
         name=raw.name,
         title=raw.title,
         seed=raw.seed,
@@ -338,7 +338,7 @@ def _history_band(
     return fits[0], {f.parameter: f.levels[fits[0]] for f in design.factors}
 
 
-def _hash(study: Study) -> str:
+def _hash(study: StudySpec) -> str:
     """Return the SHA-256 of everything that decides the scores, in one canonical order."""
 
     def model(spec: ModelSpec) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from harness.config.problems import Problems, validated
 from harness.config.schema import ModelTable
 from harness.config.specs import ModelSpec, assembled
 from harness.config.unknown_parameters import KEYS, parameter_states
-from harness.models.assembly.assemble import Model
+from harness.models.assembly.assemble import StateSpaceModel
 from harness.models.assembly.parameter_states import ParameterState
 from harness.models.assembly.placement import load_effect, place_of, split
 from harness.models.contracts import DRIVE_INPUTS
@@ -166,7 +166,7 @@ def resolve_model(table: Stated, problems: Problems) -> ModelSpec | None:
 
 
 def _parameter_states(
-    table: Stated, model: Model, values: Mapping[str, float], parameter_set: ParameterSet, problems: Problems
+    table: Stated, model: StateSpaceModel, values: Mapping[str, float], parameter_set: ParameterSet, problems: Problems
 ) -> tuple[ParameterState, ...]:
     stated = {name: (table.key(name), table[name]) for name in KEYS if table[name]}
     if stated and table.side == "plant":
@@ -178,7 +178,7 @@ def _parameter_states(
     return parameter_states(stated, model, table["vehicle"], values, parameter_set.std, problems)
 
 
-def _assemble(table: Stated, problems: Problems) -> Model | None:
+def _assemble(table: Stated, problems: Problems) -> StateSpaceModel | None:
     """Check the names one by one, so that each error has its key, then wire the model."""
     before = len(problems)
     for name in ("vehicle", "sensors"):
@@ -197,7 +197,7 @@ def _assemble(table: Stated, problems: Problems) -> Model | None:
             load_effect(effect)
     if len(problems) > before:
         return None
-    plain: Model | None = None
+    plain: StateSpaceModel | None = None
     with problems.catch(table.side):
         plain = assembled(table["vehicle"], table["tyre"], effects, table["sensors"], ())
     if plain is None:
@@ -282,7 +282,7 @@ def _measured(effects: tuple[str, ...], sensors: str | None) -> tuple[str, ...]:
     return tuple(e for e in effects if place_of(load_effect(e)) != "output" or split(e)[1] in (None, *outputs))
 
 
-def _values(table: Stated, model: Model, parameter_set: ParameterSet, problems: Problems) -> dict[str, float]:
+def _values(table: Stated, model: StateSpaceModel, parameter_set: ParameterSet, problems: Problems) -> dict[str, float]:
     """Return every parameter of the model: stated, else from the set, else neutral (effects)."""
     from harness.common.units import to_si
 
@@ -355,7 +355,7 @@ def _refuse_unknown(
 
 
 def _noise(
-    table: Stated, kind: Kind, model: Model, parameter_set: ParameterSet, step: float, problems: Problems
+    table: Stated, kind: Kind, model: StateSpaceModel, parameter_set: ParameterSet, step: float, problems: Problems
 ) -> dict[str, float]:
     """Return the variances by state (per step) or output (per sample).
 
@@ -411,7 +411,7 @@ def _scale(table: Stated, kind: str, problems: Problems) -> float | None:
     return factor
 
 
-def _input_noise(table: Stated, model: Model, problems: Problems) -> dict[str, float]:
+def _input_noise(table: Stated, model: StateSpaceModel, problems: Problems) -> dict[str, float]:
     """Return the variances per sample of the inputs that are stated to be known with noise.
 
     A rate has none of its own: it is known as well as the signal that it belongs to.

@@ -7,10 +7,10 @@ from typing import Any
 
 from harness.common.files import parse_toml, toml_text
 from harness.config.schema import DriveTable, ModelTable, NoiseTable, StudyFile, TuningTable, UncertainTable
-from harness.config.specs import ModelSpec, Study, assembled
+from harness.config.specs import ModelSpec, StudySpec, assembled
 
 
-def self_contained(study: Study) -> str:
+def self_contained(study: StudySpec) -> str:
     """Return a study file that states the same as a study, to the bit, and names no other but recordings and networks.
 
     Values and noise of parameter sets, drives of sets and tuned noise are written out.
@@ -27,7 +27,7 @@ def self_contained(study: Study) -> str:
     return toml_text(raw.model_copy(update=update).model_dump(exclude_unset=True, exclude_none=True))
 
 
-def without_files(study: Study) -> Study:
+def without_files(study: StudySpec) -> StudySpec:
     """Return the same study with a text that names no file that this program wrote: equal runs give equal stores."""
     return replace(study, text=self_contained(study))
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from harness.common.components import remembered
-from harness.models.assembly.assemble import Model, assemble
+from harness.models.assembly.assemble import StateSpaceModel, assemble
 from harness.models.assembly.parameter_states import ParameterState, with_parameters
 from harness.models.roles import VEHICLES
 
@@ -74,7 +74,7 @@ class ModelSpec:
         """Names of the parameters that are estimated."""
         return tuple(s.name for s in self.parameter_states if not s.considered)
 
-    def model(self) -> Model:
+    def model(self) -> StateSpaceModel:
         """Return the assembled model, augmented by all that is unknown; the same object on every call."""
         names = self.vehicle, self.tyre, self.effects, self.sensors
         return assembled(*names, self.unknown_inputs, self.parameter_states)
@@ -89,7 +89,7 @@ def assembled(
     sensors: str,
     unknown_inputs: tuple[str, ...],
     parameter_states: tuple[ParameterState, ...] = (),
-) -> Model:
+) -> StateSpaceModel:
     """Return the model of these names, assembled once."""
     model = assemble(vehicle, tyre, effects, sensors)
     if unknown_inputs:
@@ -281,7 +281,7 @@ class CountFrom:
 
 
 @dataclass(frozen=True)
-class Study:
+class StudySpec:
     """A study, resolved by ``load_study`` or ``build_study``.
 
     Attributes:

@@ -12,7 +12,7 @@ from harness.config.bounds import loading, loading_parameters, quantity, settled
 from harness.config.parameter_set import RELATIVE_STD
 from harness.config.problems import Problems
 from harness.config.schema import UncertainTable
-from harness.models.assembly.assemble import Model
+from harness.models.assembly.assemble import StateSpaceModel
 from harness.models.assembly.parameter_states import ParameterState, is_logarithmic
 from harness.models.contracts import Parameter
 
@@ -22,7 +22,7 @@ KEYS: dict[str, bool] = {"unknown_parameters": False, "considered_parameters": T
 
 def parameter_states(
     stated: Mapping[str, tuple[str, list[Any]]],
-    model: Model,
+    model: StateSpaceModel,
     vehicle: str,
     values: Mapping[str, float],
     std: Mapping[str, float],

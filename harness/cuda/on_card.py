@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
-from harness.config import Study
+from harness.config import StudySpec
 from harness.config.roles import ESTIMATORS
 from harness.cuda import compiling, loops
 from harness.cuda.kernels import CardKernel, check_card, name_of_card
@@ -202,7 +202,7 @@ class CardEvaluator:
         return others
 
     @property
-    def study(self) -> Study:
+    def study(self) -> StudySpec:
         """The study."""
         return self._evaluator.study
 

@@ -74,7 +74,7 @@ from harness.engine.simd import (
 from harness.engine.simd import (
     functions as lane_math,
 )
-from harness.models.assembly.assemble import Model
+from harness.models.assembly.assemble import StateSpaceModel
 
 INTEGRATORS = ("euler", "heun", "rk4")
 
@@ -236,7 +236,7 @@ class CompiledModel:
         duals: Whether the kernels run over dual numbers.
     """
 
-    def __init__(self, model: Model, kernels: ModuleType, step: float, signals: Sequence[str]) -> None:
+    def __init__(self, model: StateSpaceModel, kernels: ModuleType, step: float, signals: Sequence[str]) -> None:
         self.model, self.kernels, self.step_size = model, kernels, step
         self.signal_names = tuple(dict.fromkeys(signals))
         self.nx, self.nu, self.ny = len(model.states), len(model.inputs), len(model.outputs)
@@ -279,7 +279,7 @@ class CompiledModel:
 
 @functools.lru_cache(maxsize=64)
 def compile_model(
-    model: Model,
+    model: StateSpaceModel,
     step: float = 0.01,
     integrator: str = "euler",
     substeps: int = 1,
@@ -315,7 +315,7 @@ def compile_model(
 
 @functools.lru_cache(maxsize=8)
 def _source(
-    model: Model,
+    model: StateSpaceModel,
     signals: tuple[str, ...],
     parameters: tuple[str, ...],
     jacobians: bool,

@@ -28,7 +28,7 @@ from scipy.sparse.csgraph import structural_rank
 from harness.common.arrays import Floats, Mask
 from harness.common.errors import UserError
 from harness.engine.codegen.derivatives import derive
-from harness.models.assembly.assemble import Model, symbol
+from harness.models.assembly.assemble import StateSpaceModel, symbol
 from harness.models.contracts import Profile
 from harness.models.signals import SIGNALS
 from harness.simulation.simulate import first_state
@@ -70,12 +70,12 @@ def synthetic_manoeuvre(step: float = 0.01) -> Profile:
 
 
 def structural_observability(
-    model: Model, values: Mapping[str, float], profile: Profile, tolerance: float = TOLERANCE
+    model: StateSpaceModel, values: Mapping[str, float], profile: Profile, tolerance: float = TOLERANCE
 ) -> xr.Dataset:
     """Check both criteria of structural observability at every sample of a drive.
 
     Args:
-        model: The model as the estimator sees it: unknown inputs are states already (``Model.augment``).
+        model: The model as the estimator sees it: unknown inputs are states already (``StateSpaceModel.augment``).
             States that the profile prescribes follow it; all others start at zero and are simulated by Euler
             steps.
         values: Value of every parameter in SI units.
@@ -117,7 +117,7 @@ def structural_observability(
     )
 
 
-def linearise(model: Model, values: Mapping[str, float], profile: Profile) -> Linearisation:
+def linearise(model: StateSpaceModel, values: Mapping[str, float], profile: Profile) -> Linearisation:
     """Simulate a drive as ``structural_observability`` does; return the exact Jacobians at every sample.
 
     Raises:
@@ -199,7 +199,7 @@ def delays(dataset: xr.Dataset) -> dict[str, float]:
     return result
 
 
-def _inputs(model: Model, profile: Profile) -> Floats:
+def _inputs(model: StateSpaceModel, profile: Profile) -> Floats:
     """Return the inputs (samples, nu) of a model from a drive; rates by differences of the samples."""
     signals = {name: getattr(profile, name) for name in ("time", *DRIVEN)} | profile.further
     step = (profile.time[-1] - profile.time[0]) / (len(profile.time) - 1)
@@ -213,7 +213,7 @@ def _inputs(model: Model, profile: Profile) -> Floats:
     return np.column_stack(columns) if columns else np.zeros((len(profile.time), 0))
 
 
-def _simulate(model: Model, p: Floats, u: Floats, profile: Profile) -> Floats:
+def _simulate(model: StateSpaceModel, p: Floats, u: Floats, profile: Profile) -> Floats:
     """Return the states (samples, nx) by Euler from the first state; those the profile prescribes are set to it."""
     prescribed = {
         i: getattr(profile, name)
@@ -241,12 +241,12 @@ def _simulate(model: Model, p: Floats, u: Floats, profile: Profile) -> Floats:
     return x
 
 
-def _arguments(model: Model) -> list[list[sp.Symbol]]:
+def _arguments(model: StateSpaceModel) -> list[list[sp.Symbol]]:
     return [[symbol(n) for n in part] for part in (model.states, model.inputs, model.parameter_names)]
 
 
 @functools.lru_cache(maxsize=8)
-def _drift(model: Model) -> Callable[..., list[float]]:
+def _drift(model: StateSpaceModel) -> Callable[..., list[float]]:
     ports = [(symbol(n), e) for n, e in model.ports.items()]
     modules = [{"Heaviside": lambda x, half=0.5: 1.0 if x > 0 else half if x == 0 else 0.0}, "math"]
     # The ports are the shared subexpressions, in order of use already.
@@ -254,7 +254,7 @@ def _drift(model: Model) -> Callable[..., list[float]]:
 
 
 @functools.lru_cache(maxsize=8)
-def _jacobians(model: Model) -> list[tuple[list[tuple[int, int]], Callable[..., list[Any]]]]:
+def _jacobians(model: StateSpaceModel) -> list[tuple[list[tuple[int, int]], Callable[..., list[Any]]]]:
     """Return positions and values of the non-zero entries of both Jacobians, all samples in one call."""
     equations = derive(model)
     shared = [*equations.constants.items(), *equations.assignments.items()]

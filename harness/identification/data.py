@@ -13,7 +13,7 @@ from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.config import InputSignal
 from harness.identification.measured_inputs import Between, InputErrors, inputs_of
-from harness.models.assembly.assemble import Model, symbol
+from harness.models.assembly.assemble import StateSpaceModel, symbol
 from harness.models.signals import signal_attributes
 from harness.recordings.read.span import refuse_overlaps
 
@@ -90,7 +90,7 @@ def refuse_the_same(fitted: Sequence[xr.Dataset], held_out: Sequence[xr.Dataset]
             )
 
 
-def measurements_of(recording: xr.Dataset, model: Model, name: str) -> Floats:
+def measurements_of(recording: xr.Dataset, model: StateSpaceModel, name: str) -> Floats:
     """Return the outputs that a recording holds ``(samples, ny)``, NaN where missing, if it can be a drive of a model.
 
     Args:
@@ -115,7 +115,11 @@ def measurements_of(recording: xr.Dataset, model: Model, name: str) -> Floats:
 
 
 def drive_from(
-    recording: xr.Dataset, model: Model, name: str, between: Between = "held", signal: InputSignal | None = None
+    recording: xr.Dataset,
+    model: StateSpaceModel,
+    name: str,
+    between: Between = "held",
+    signal: InputSignal | None = None,
 ) -> DriveData:
     """Return a recording in terms of a model.
 
@@ -147,13 +151,13 @@ def drive_from(
     )
 
 
-def started_by(model: Model) -> dict[int, int]:
+def started_by(model: StateSpaceModel) -> dict[int, int]:
     """Return the states that a parameter starts, each with the row of that parameter."""
     rows = {name: i for i, name in enumerate(model.parameter_names)}
     return {i: rows[str(model.start[s])] for i, s in enumerate(model.states) if model.start.get(s) in rows}
 
 
-def _first_mean(model: Model, recording: xr.Dataset, measurements: Floats) -> Floats:
+def _first_mean(model: StateSpaceModel, recording: xr.Dataset, measurements: Floats) -> Floats:
     mean = np.zeros(len(model.states))
     for i, state in enumerate(model.states):
         source = model.start.get(state, 0.0)

@@ -31,7 +31,7 @@ from harness.identification.data import DriveData, drive_from, started_by, steer
 from harness.identification.free_run import FreeRun, Start
 from harness.identification.input_effects import InputEffects
 from harness.identification.measured_inputs import Between
-from harness.models.assembly.assemble import Model
+from harness.models.assembly.assemble import StateSpaceModel
 
 _Task = TypeVar("_Task")
 _Answer = TypeVar("_Answer")
@@ -142,7 +142,9 @@ class FilteredModel(ABC):
         duals: The same over dual numbers.
     """
 
-    def __init__(self, spec: ModelSpec, model: Model, jobs: int | None = None, jacobians: bool = True) -> None:
+    def __init__(
+        self, spec: ModelSpec, model: StateSpaceModel, jobs: int | None = None, jacobians: bool = True
+    ) -> None:
         self.spec, self.model, self.nominal = spec, model, spec.model()
         self.jobs = jobs or os.cpu_count() or 1
         self.names = model.parameter_names

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from harness.common.arrays import Floats
 from harness.identification.data import DriveData
-from harness.models.assembly.assemble import Model
+from harness.models.assembly.assemble import StateSpaceModel
 
 BLOCK = 5.0
 """s; what a vehicle does hardly depends on what it did that long ago."""
@@ -41,7 +41,7 @@ def blocks(drive: DriveData) -> int:
     return max(FEWEST, int(drive.time[-1] / BLOCK))
 
 
-def found_start(model: Model, drive: DriveData, states: Floats) -> Start:
+def found_start(model: StateSpaceModel, drive: DriveData, states: Floats) -> Start:
     """Return where a free run is judged from: behind the first block, in the state that the filter has found there.
 
     Most recordings are cut from a drive, and nobody knows their first state: what follows from a wrong one is no error

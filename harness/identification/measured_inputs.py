@@ -17,7 +17,7 @@ import xarray as xr
 from harness import recordings
 from harness.common.arrays import Floats, Mask
 from harness.config import InputSignal
-from harness.models.assembly.assemble import Model
+from harness.models.assembly.assemble import StateSpaceModel
 from harness.recordings.smooth.kinematic_smoother import filtered, smoothed
 from harness.simulation.simulate import forward_difference, halfway, joined
 
@@ -85,7 +85,7 @@ class Inputs:
 
 
 def inputs_of(
-    recording: xr.Dataset, model: Model, step: float, between: Between, signal: InputSignal | None = None
+    recording: xr.Dataset, model: StateSpaceModel, step: float, between: Between, signal: InputSignal | None = None
 ) -> Inputs:
     """Return the inputs of a model over a recording.
 
@@ -155,7 +155,7 @@ def _smoothed(values: Floats, step: float, new: Mask | None, signal: InputSignal
     return _Smoothed(np.where(there, values, past.value), past.rate, covariance, lagged, past.noise)
 
 
-def _errors(model: Model, smoothed: dict[str, _Smoothed], of_samples: bool) -> InputErrors:
+def _errors(model: StateSpaceModel, smoothed: dict[str, _Smoothed], of_samples: bool) -> InputErrors:
     """Return the joint covariance of all inputs that are not exact; different signals err independently."""
     uncertain = {n: f for n, f in smoothed.items() if f.noise > 0}
     if not uncertain:

@@ -21,7 +21,7 @@ from harness.identification.data import DriveData
 from harness.identification.filtered_model import Candidates, Each, FilteredModel, FilterRun, for_each
 from harness.identification.free_run import blocks, found_start
 from harness.identification.whiteness import Whiteness, whiteness
-from harness.models.assembly.model import Model
+from harness.models.assembly.model import StateSpaceModel
 from harness.models.quantities import listed, words
 from harness.models.signals import SIGNALS
 
@@ -310,7 +310,7 @@ MEASURED, BEFORE, AFTER = "measured", "before", "after"
 """Before the name of an output: as measured, and as the model before and after simulates it over the inputs."""
 
 
-def series_of(judged: Sequence[Judged], model: Model) -> bytes:
+def series_of(judged: Sequence[Judged], model: StateSpaceModel) -> bytes:
     """Return ``drives.npz``: of each recording ``time``, each output as measured, before and after, ``x`` and ``y``.
 
     The path is dead reckoning by the recorded speed and yaw rate, in m from the start, and is there where both are.
@@ -329,7 +329,7 @@ def series_of(judged: Sequence[Judged], model: Model) -> bytes:
     return packed(series)
 
 
-def _path(drive: DriveData, model: Model) -> dict[str, Floats]:
+def _path(drive: DriveData, model: StateSpaceModel) -> dict[str, Floats]:
     signals = {name: drive.inputs[:, i] for i, name in enumerate(model.inputs)}
     signals |= {name: drive.measurements[:, i] for i, name in enumerate(model.outputs)}
     speed = next((signals[n] for n in ("speed", "longitudinal_velocity") if n in signals), None)

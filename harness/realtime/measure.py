@@ -17,7 +17,7 @@ from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.process import forced_switches
 from harness.common.registry import closest
-from harness.config import DesignSpec, Study
+from harness.config import DesignSpec, StudySpec
 from harness.engine.compile import CompiledModel, load_source, paste
 from harness.engine.kernel_names import Belief, Info, State
 from harness.engine.lane_kinds import in_one_lane
@@ -99,7 +99,7 @@ def _first_lane(array: Floats) -> Floats:
     return np.ascontiguousarray(array[..., :1])
 
 
-def contestants(study: Study, drive: str, duration: float) -> dict[str, Contestant]:
+def contestants(study: StudySpec, drive: str, duration: float) -> dict[str, Contestant]:
     """Return the estimators of a study at the beginning of one run in which plant and belief are as stated.
 
     Args:

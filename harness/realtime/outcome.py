@@ -13,7 +13,7 @@ import xarray as xr
 from harness.common import places, stores
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
-from harness.config import Study
+from harness.config import StudySpec
 from harness.study import checksums
 
 STORE = "times.zarr"
@@ -31,7 +31,7 @@ _RESAMPLES = 2000
 _BLOCK = 1.0  # s: neighbouring steps share the state of the machine, so blocks of them are resampled
 
 
-def judge(times: xr.Dataset, study: Study, drive: str) -> xr.Dataset:
+def judge(times: xr.Dataset, study: StudySpec, drive: str) -> xr.Dataset:
     """Return the times with their statistics and where they come from.
 
     Args:

@@ -11,7 +11,7 @@ import numpy as np
 
 from harness.common.errors import UserError
 from harness.common.files import parse_toml
-from harness.config import DesignSpec, FactorSpec, Study, build_study, fitting_sensors
+from harness.config import DesignSpec, FactorSpec, StudySpec, build_study, fitting_sensors
 from harness.config.bounds import loading_parameters
 from harness.config.roles import ESTIMATORS
 from harness.config.schema import EstimatorTable, StudyFile
@@ -145,7 +145,7 @@ MOST_BANKED = 3
 """Parameters up to which a bank is tried: of more there would be too many filters."""
 
 
-def parameters(study: Study) -> list[FactorSpec]:
+def parameters(study: StudySpec) -> list[FactorSpec]:
     """Return the factors of the first design that a belief could be unsure of: no noise, and nothing only believed."""
     names = set(study.belief.model().parameter_names) | set(loading_parameters(study.belief.vehicle))
     uncertain = {s.name for s in study.belief.parameter_states}
@@ -177,7 +177,7 @@ def hypotheses(factors: Sequence[FactorSpec]) -> dict[str, list[float]]:
     return grids
 
 
-def equipments(study: Study) -> list[Equipment]:
+def equipments(study: StudySpec) -> list[Equipment]:
     """Return every larger equipment: the sets of sensors that add to the study's, inputs measured or not."""
     here = study.plant.sensors
     own = SENSORS.load(here).OUTPUTS
@@ -197,7 +197,7 @@ def equipments(study: Study) -> list[Equipment]:
     return larger
 
 
-def applied(study: Study, remedy: Remedy, estimator: str, tuning: Path | None = None) -> Study:
+def applied(study: StudySpec, remedy: Remedy, estimator: str, tuning: Path | None = None) -> StudySpec:
     """Return a study with a remedy: the same points, drives and noise, one estimator, and what the report needs.
 
     Args:
@@ -334,7 +334,7 @@ def promising(promise: dict[Equipment, float], count: int) -> list[Equipment]:
     return front[:count]
 
 
-def main_design(study: Study) -> DesignSpec:
+def main_design(study: StudySpec) -> DesignSpec:
     """Return the design whose factors drive the error.
 
     Raises:

@@ -9,7 +9,7 @@ import numpy as np
 
 from harness.common import statistics
 from harness.common.arrays import Floats
-from harness.config import Study
+from harness.config import StudySpec
 from harness.models.quantities import Quantity
 from harness.remedy.choices import Remedy
 from harness.study.report.ranking import tolerances
@@ -50,7 +50,7 @@ class RemedyOutcome:
     """
 
     remedy: Remedy
-    study: Study
+    study: StudySpec
     targets: list[Quantity]
     levels: list[str]
     medians: Floats
@@ -65,7 +65,7 @@ class RemedyOutcome:
     step_time: float
 
 
-def judged(remedy: Remedy, study: Study, results: StudyResults, step_time: float) -> RemedyOutcome:
+def judged(remedy: Remedy, study: StudySpec, results: StudyResults, step_time: float) -> RemedyOutcome:
     """Return what came of a remedy by the results of its study."""
     design = results.designs[0]
     wanted = [t for t, q in enumerate(design.targets) if q.name not in study.belief.estimated_parameters]

@@ -9,7 +9,7 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
-from harness.config import DesignSpec, Study
+from harness.config import DesignSpec, StudySpec
 from harness.engine.simd.lanes import LANES
 from harness.estimation.information import parameter_information
 from harness.models.quantities import quantity
@@ -41,7 +41,7 @@ class Promise:
 
 
 def promises(
-    study: Study, estimator: str, drivers: Sequence[str], equipments: Iterable[Equipment]
+    study: StudySpec, estimator: str, drivers: Sequence[str], equipments: Iterable[Equipment]
 ) -> tuple[dict[Equipment | None, Promise], dict[str, str]]:
     """Return what could be known at best, by equipment, and which of these are not possible, with the reason.
 
@@ -64,7 +64,7 @@ def promises(
     return promised, impossible
 
 
-def _remaining(study: Study, drivers: Sequence[str]) -> Floats:
+def _remaining(study: StudySpec, drivers: Sequence[str]) -> Floats:
     first = {s.name: s.prior for s in study.belief.parameter_states}
     rows = []
     for drive in study.drives:
@@ -73,7 +73,7 @@ def _remaining(study: Study, drivers: Sequence[str]) -> Floats:
     return np.array(rows)
 
 
-def _smallest(study: Study) -> Floats:
+def _smallest(study: StudySpec) -> Floats:
     """Return the posterior Cramer-Rao bound along the drives of the vehicle as it is before anything is varied."""
     nominal = replace(study, designs=(DesignSpec("nominal", (), repeats=LANES),), history=(), over_time=None)
     evaluator = StudyEvaluator(nominal)

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from harness.common.files import write_files
-from harness.config import ModelSpec, Study
+from harness.config import ModelSpec, StudySpec
 from harness.config.parameter_set import UNSURE, set_text
 from harness.models.quantities import listed, quantity, words
 from harness.models.signals import SIGNALS
@@ -96,7 +96,7 @@ def belief_text(tried: Tried) -> str:
     return set_text(spec, source, {}, further={k: v for k, v in keys.items() if v})
 
 
-def believed(study: Study) -> ModelSpec:
+def believed(study: StudySpec) -> ModelSpec:
     """Return the belief of a study of one estimator, with the noise that this is tuned to."""
     spec, factors = study.belief, study.estimators[0].noise
     file = study.path.parent / spec.parameters  # the path in a study is from its folder

@@ -17,7 +17,7 @@ from harness.common.errors import ModelError, UserError
 from harness.common.lock import locked
 from harness.common.places import inside
 from harness.common.stages import showing
-from harness.config import Study
+from harness.config import StudySpec
 from harness.config.self_contained import without_files
 from harness.engine.simd.lanes import LANES
 from harness.estimation.contract import load_estimator
@@ -69,7 +69,7 @@ class Tried:
         impossible: Remedies that could not be built, with the reason.
     """
 
-    study: Study
+    study: StudySpec
     estimator: str
     drivers: tuple[str, ...]
     outcomes: list[RemedyOutcome]
@@ -84,7 +84,7 @@ class Tried:
 
 
 def try_remedies(
-    study: Study,
+    study: StudySpec,
     out: Path,
     estimator: str | None = None,
     most: int = 2,
@@ -158,7 +158,7 @@ class _Plan(NamedTuple):
     banks: bool = False  # whether a bank may stand in the place of the estimator
 
 
-def _plan(study: Study, estimator: str, out: Path, most: int, console: Console) -> _Plan:
+def _plan(study: StudySpec, estimator: str, out: Path, most: int, console: Console) -> _Plan:
     """Return what is to be tried against parameters, by the results of the study as it is."""
     drivers = _drivers(read(out / AS_IT_IS.slug).designs[0], [f.parameter for f in choices.parameters(study)])
     if not drivers:
@@ -176,7 +176,7 @@ def _plan(study: Study, estimator: str, out: Path, most: int, console: Console) 
     return _Plan(tuple(drivers), further, promise, impossible, file.KALMAN_TYPE)
 
 
-def _against_effects(study: Study, estimator: str, most: int) -> _Plan:
+def _against_effects(study: StudySpec, estimator: str, most: int) -> _Plan:
     """Return what is to be tried against effects that the belief lacks; the equipments are those of fewest signals."""
     chosen = sorted(_of_use(study)[0], key=lambda e: len(e.added))[:most]
     file = load_estimator(_kind(study, estimator))
@@ -202,7 +202,7 @@ def _more_estimated(
     return gained
 
 
-def _kind(study: Study, estimator: str) -> str:
+def _kind(study: StudySpec, estimator: str) -> str:
     return next(e.kind for e in study.estimators if e.name == estimator)
 
 
@@ -223,7 +223,7 @@ def _all(
     return outcomes
 
 
-def _estimator(study: Study, asked: str | None) -> str:
+def _estimator(study: StudySpec, asked: str | None) -> str:
     names = [e.name for e in study.estimators]
     if asked is None:
         return next((e.name for e in study.estimators if e.kind == "ekf"), names[0])
@@ -235,7 +235,7 @@ def _estimator(study: Study, asked: str | None) -> str:
 
 
 def _attempt(
-    study: Study,
+    study: StudySpec,
     estimator: str,
     out: Path,
     jobs: int | None,
@@ -253,7 +253,7 @@ def _attempt(
 
 
 def _tuned(
-    study: Study, estimator: str, out: Path, jobs: int | None, restart: bool, console: Console, remedy: Remedy
+    study: StudySpec, estimator: str, out: Path, jobs: int | None, restart: bool, console: Console, remedy: Remedy
 ) -> Path:
     """Return the file of the noise for the worst case, found on points and noise that the study does not score."""
     path = out / f"{remedy.slug}.toml"
@@ -265,7 +265,7 @@ def _tuned(
     return path
 
 
-def time_of_step(study: Study, rounds: int = 10) -> float:
+def time_of_step(study: StudySpec, rounds: int = 10) -> float:
     """Return how long a step of a run takes in lanes of eight, the quickest of a few batches, in s of the processor."""
     evaluator = StudyEvaluator(study)
     unit, cases = Unit(0, 0, 0, 0, 1), [Case(0, 0)] * LANES
@@ -279,12 +279,12 @@ def time_of_step(study: Study, rounds: int = 10) -> float:
     return min(times) / samples / LANES
 
 
-def steps_in_turn(studies: Sequence[Study]) -> list[float]:
+def steps_in_turn(studies: Sequence[StudySpec]) -> list[float]:
     """Return the time of a step of each study, the least of several taken in turn, so that a busy machine slows all."""
     return [float(t) for t in np.min([[time_of_step(s, 3) for s in studies] for _ in range(4)], axis=0)]
 
 
-def step_in_cycle(study: Study) -> float:
+def step_in_cycle(study: StudySpec) -> float:
     """Return the median time of a single run's step, one in every cycle, in s; NaN where it cannot be timed."""
     drive, cycle = study.drives[0].name, study.belief.step
     try:
@@ -308,7 +308,7 @@ def _drivers(design: Design, names: Sequence[str]) -> list[str]:
     return sorted(some, key=lambda n: -strength[n])
 
 
-def _of_use(study: Study) -> tuple[list[Equipment], list[Equipment]]:
+def _of_use(study: StudySpec) -> tuple[list[Equipment], list[Equipment]]:
     """Return larger equipments, and apart from them those that measure a target, which ask for no estimator."""
     equipments = choices.equipments(study)
     measuring = [e for e in equipments if set(e.added) & set(study.targets)]

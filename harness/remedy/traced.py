@@ -7,12 +7,12 @@ from pathlib import Path
 
 from harness.common.errors import UserError
 from harness.common.files import parse_toml
-from harness.config import Study, build_study
+from harness.config import StudySpec, build_study
 from harness.diagnosis.result.study_gain import REPEATS, bare_tables, change_times
 from harness.remedy.choices import Equipment, Remedy, adapted
 
 
-def traced_study(study: Study, folder: Path) -> Study:
+def traced_study(study: StudySpec, folder: Path) -> StudySpec:
     """Return the drives, targets, sensors and estimators of a study with the plant that a trace amended.
 
     The belief is the nominal model; each has the noise that was fitted with it. Nothing else is varied. Changes, which
@@ -43,7 +43,7 @@ def traced_study(study: Study, folder: Path) -> Study:
     return changed
 
 
-def named(study: Study) -> list[str]:
+def named(study: StudySpec) -> list[str]:
     """Return the effects that only the plant has."""
     return [e for e in study.plant.effects if e not in study.belief.effects]
 

@@ -25,7 +25,7 @@ import numpy as np
 from harness.common.arrays import Floats
 from harness.engine.kernel_names import Belief, State
 from harness.engine.simd.lanes import LANES
-from harness.models.assembly.model import Model
+from harness.models.assembly.model import StateSpaceModel
 from harness.models.signals import signal_attributes
 
 Kept_co = TypeVar("Kept_co", covariant=True)
@@ -55,7 +55,7 @@ class Ports:
     limits: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, model: Model) -> Ports:
+    def of(cls, model: StateSpaceModel) -> Ports:
         """Return those of a set of equations."""
         inputs, outputs, states = (
             {name: signal_attributes(name)["units"] for name in names}

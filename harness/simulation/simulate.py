@@ -13,7 +13,7 @@ from harness.common.errors import UserError
 from harness.common.registry import closest
 from harness.engine.compile import CompiledModel, compile_model, load_source, paste
 from harness.engine.simd.lanes import LANES
-from harness.models.assembly.assemble import Model
+from harness.models.assembly.assemble import StateSpaceModel
 from harness.models.contracts import Profile
 from harness.models.roles import SENSORS
 from harness.models.signals import TRUTH, signal_attributes
@@ -35,7 +35,9 @@ class CompiledSimulator:
         integrator, substeps: As ``harness.engine.compile.compile_model`` takes them.
     """
 
-    def __init__(self, model: Model, step: float = 0.01, integrator: str = "euler", substeps: int = 1) -> None:
+    def __init__(
+        self, model: StateSpaceModel, step: float = 0.01, integrator: str = "euler", substeps: int = 1
+    ) -> None:
         self.model, self._options = model, (step, integrator, substeps)
         self.ports = Ports.of(model)
         self.loops: dict[tuple[str, ...], Dispatcher] = {}
@@ -85,7 +87,7 @@ def largest(record: Signals) -> Floats:
     return np.array([record.largest.get(name, 0.0) for name in record.names])
 
 
-def input_table(profile: Profile, model: Model, elsewhere: Sequence[str] = ()) -> Floats:
+def input_table(profile: Profile, model: StateSpaceModel, elsewhere: Sequence[str] = ()) -> Floats:
     """Return the inputs of a model over a drive, ``(samples, nu)``; NaN for those that come from elsewhere.
 
     The rate of an input is its forward difference, which is what Euler's step needs to keep the kingpin tie;
@@ -115,7 +117,7 @@ def input_table(profile: Profile, model: Model, elsewhere: Sequence[str] = ()) -
     return np.column_stack([signals[n] for n in names]) if names else np.empty((len(profile.time), 0))
 
 
-def straight(table: Floats, model: Model) -> tuple[Floats, Floats]:
+def straight(table: Floats, model: StateSpaceModel) -> tuple[Floats, Floats]:
     """Return inputs that run straight from sample to sample: at the samples and during the step behind each.
 
     Args:
@@ -157,7 +159,7 @@ def halfway(values: Floats) -> Floats:
     return middles
 
 
-def first_state(model: Model, parameters: Floats, profile: Profile) -> Floats:
+def first_state(model: StateSpaceModel, parameters: Floats, profile: Profile) -> Floats:
     """Return where a model starts, ``(nx, LANES)``: zero but for its ``start``.
 
     Args:

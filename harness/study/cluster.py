@@ -28,7 +28,7 @@ from harness.common import components, lock, places
 from harness.common.errors import ModelError, UserError, WorkError
 from harness.common.process import keep_freed_memory
 from harness.common.sources import has_file
-from harness.config import Study
+from harness.config import StudySpec
 from harness.study import sealed_root
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
@@ -137,7 +137,7 @@ def _not_from_here() -> Iterator[None]:
             os.environ["PYTHONSAFEPATH"] = before
 
 
-def refuse_objects(study: Study) -> None:
+def refuse_objects(study: StudySpec) -> None:
     """Refuse a study that workers cannot have; asked before there are any.
 
     Raises:
@@ -151,7 +151,7 @@ def refuse_objects(study: Study) -> None:
             )
 
 
-def check_workers(client: Client, study: Study, folder: Path, console: Console) -> None:
+def check_workers(client: Client, study: StudySpec, folder: Path, console: Console) -> None:
     """Refuse workers that could not write the same bits into the same store; point out other processors.
 
     Args:
@@ -190,7 +190,7 @@ def check_workers(client: Client, study: Study, folder: Path, console: Console) 
         )
 
 
-def _about(study: Study, folder: Path, carried: components.Carried) -> dict[str, Any]:
+def _about(study: StudySpec, folder: Path, carried: components.Carried) -> dict[str, Any]:
     """Return what a worker is; runs there."""
     components.take_over(carried)
     sees = sealed_root.is_there(folder / STORE) or places.contents(folder, [lock.FILE]) != [None]
@@ -211,7 +211,7 @@ def _refuse_other_code(who: str, expected: dict[str, str], reported: dict[str, s
 
 
 def evaluate(
-    client: Client, study: Study, folder: Path, todo: Sequence[Unit], console: Console, seconds: float | None = None
+    client: Client, study: StudySpec, folder: Path, todo: Sequence[Unit], console: Console, seconds: float | None = None
 ) -> Iterator[Unit]:
     """Evaluate units on the workers, which write the scores; return each unit when it is in the store.
 
@@ -293,7 +293,7 @@ def _in_a_task(units: int, workers: int, seconds: float | None) -> int:
     return max(1, min(wanted, units // (_TASKS_EACH * max(workers, 1))))
 
 
-def _evaluate_there(study: Study, units: Sequence[Unit], there: _There) -> Sequence[Unit]:
+def _evaluate_there(study: StudySpec, units: Sequence[Unit], there: _There) -> Sequence[Unit]:
     """Evaluate units and write their scores; runs on a worker."""
     evaluator, store = _open(study, there)
     for unit in units:
@@ -301,7 +301,7 @@ def _evaluate_there(study: Study, units: Sequence[Unit], there: _There) -> Seque
     return units
 
 
-def _open(study: Study, there: _There) -> tuple[StudyEvaluator, Store]:
+def _open(study: StudySpec, there: _There) -> tuple[StudyEvaluator, Store]:
     """Return study and store, opened once in this process."""
     folder = there.folder
     key = study.hash, folder

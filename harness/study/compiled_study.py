@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from harness.common.arrays import Floats
 from harness.common.errors import ModelError, UserError
-from harness.config import NOISE_SCALES, DesignSpec, ModelSpec, Study
+from harness.config import NOISE_SCALES, DesignSpec, ModelSpec, StudySpec
 from harness.config.bounds import loading, settled
 from harness.engine.compile import CompiledModel, compile_model
 from harness.engine.simd.lanes import LANES
 from harness.estimation.compiled_estimator import CompiledEstimator
-from harness.models.assembly.assemble import Model
+from harness.models.assembly.assemble import StateSpaceModel
 from harness.models.assembly.parameter_states import true_states
 from harness.models.contracts import DRIVE_INPUTS, Profile
 from harness.models.drives._shapes import lateral_acceleration
@@ -166,7 +166,7 @@ class CompiledStudy:
     """
 
     def __init__(
-        self, study: Study, simulator: Simulator | None = None, filters: Mapping[str, Filter] | None = None
+        self, study: StudySpec, simulator: Simulator | None = None, filters: Mapping[str, Filter] | None = None
     ) -> None:
         belief_model, plant_model = study.belief.model(), study.plant.model()
         drawn = [name for history in study.history for name in history.signals]
@@ -193,7 +193,7 @@ class CompiledStudy:
             for e in study.estimators
         ]
 
-    def _drive(self, study: Study, index: int) -> DriveInputs:
+    def _drive(self, study: StudySpec, index: int) -> DriveInputs:
         profile = profile_of(study.plant, study.drives[index])
         if study.score_after >= profile.time[-1]:
             raise UserError(
@@ -239,7 +239,7 @@ class CompiledStudy:
         return first
 
 
-def supplied_inputs(plant: Model, belief: Model) -> tuple[str, ...]:
+def supplied_inputs(plant: StateSpaceModel, belief: StateSpaceModel) -> tuple[str, ...]:
     """Return the inputs of the belief that are no input of a drive but come from the vehicle itself.
 
     They are what its sensors measure, noise included, or where no sensor does, the plant's exact state or port.
@@ -260,7 +260,7 @@ FRICTION = "friction"
 _OF_THE_PLANT = {(FRICTION, "plant"), (FRICTION, "both")}
 
 
-def asked_too_much(study: Study, compiled: CompiledStudy) -> list[str]:
+def asked_too_much(study: StudySpec, compiled: CompiledStudy) -> list[str]:
     """Return a sentence for each drive that asks for more than there is somewhere in the designs.
 
     A drive asks for the lateral acceleration of a vehicle that follows its wheels; friction times gravity is the most
@@ -293,7 +293,7 @@ class ErrorWindows:
         compiled: Its models and drives.
     """
 
-    def __init__(self, study: Study, compiled: CompiledStudy) -> None:
+    def __init__(self, study: StudySpec, compiled: CompiledStudy) -> None:
         self._study, self._wanted = study, study.over_time
         self._samples = [len(drive.profile.time) for drive in compiled.drives]
         self._rows = [compiled.truth_names.index(name) for name in study.targets] if self._wanted else []

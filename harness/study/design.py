@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.common.cache import ARRAY, kept
-from harness.config import DesignSpec, FactorSpec, Study
+from harness.config import DesignSpec, FactorSpec, StudySpec
 
 RUNS_PER_UNIT = 64
 """Most runs of a unit of a design that is not large."""
@@ -94,7 +94,7 @@ class Unit:
         """The repeats as a slice."""
         return slice(self.first_repeat, self.stop_repeat)
 
-    def runs(self, study: Study) -> int:
+    def runs(self, study: StudySpec) -> int:
         """Return the number of runs, samples times repeats."""
         repeats = range(study.designs[self.design].repeats)[self.repeats]
         return (self.stop - self.first) * len(repeats)
@@ -172,7 +172,7 @@ def _scaled(factor: FactorSpec, band: int, unit: NDArray[np.float64]) -> NDArray
     return unit * (upper - lower) + lower
 
 
-def points(study: Study, design: DesignSpec) -> DesignPoints:
+def points(study: StudySpec, design: DesignSpec) -> DesignPoints:
     """Return all points of a design; nothing in them depends on an estimator or a worker.
 
     Args:
@@ -215,7 +215,7 @@ def _nominal_and_edges(
     return values
 
 
-def units(study: Study, design: DesignSpec) -> list[Unit]:
+def units(study: StudySpec, design: DesignSpec) -> list[Unit]:
     """Cut a design into units, in an order that depends on the study alone, not on the number of workers.
 
     Args:
@@ -233,7 +233,7 @@ def units(study: Study, design: DesignSpec) -> list[Unit]:
     ]
 
 
-def unit_shape(study: Study, design: DesignSpec) -> tuple[int, int]:
+def unit_shape(study: StudySpec, design: DesignSpec) -> tuple[int, int]:
     """Return how many samples and repeats a unit has; the last one along either may have fewer.
 
     A unit has at most ``RUNS_PER_UNIT`` runs, in a design that would have more than ``MANY_UNITS`` units up to
@@ -247,13 +247,13 @@ def unit_shape(study: Study, design: DesignSpec) -> tuple[int, int]:
     return _even(design.samples, max(most // design.repeats, 1)), repeats
 
 
-def unit_counts(study: Study, design: DesignSpec) -> tuple[int, int]:
+def unit_counts(study: StudySpec, design: DesignSpec) -> tuple[int, int]:
     """Return into how many pieces samples and repeats are cut."""
     samples, repeats = unit_shape(study, design)
     return -(-design.samples // samples), -(-design.repeats // repeats)
 
 
-def planned_runs(study: Study, design: DesignSpec) -> int:
+def planned_runs(study: StudySpec, design: DesignSpec) -> int:
     """Return the number of runs of a design: bands times drives times samples times repeats."""
     return design.bands * len(study.drives) * design.samples * design.repeats
 

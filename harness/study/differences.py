@@ -8,7 +8,7 @@ from typing import Any
 
 from harness.common.errors import UserError
 from harness.common.files import parse_toml
-from harness.config import Study
+from harness.config import StudySpec
 
 _SHOWN = 5
 """Differences that a message lists; of the others it tells how many there are."""
@@ -16,7 +16,7 @@ _SHOWN = 5
 _ABSENT = object()
 
 
-def differences(stored: Mapping[str, Any], now: Mapping[str, Any], study: Study) -> str:
+def differences(stored: Mapping[str, Any], now: Mapping[str, Any], study: StudySpec) -> str:
     """Return how a stored result differs from what a study would give, as a predicate; empty if it does not.
 
     Args:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.common.arrays import Floats
-from harness.config import Study
+from harness.config import StudySpec
 from harness.engine.simd.lanes import LANES
 from harness.engine.standard_normal import standard_normal
 from harness.estimation.compiled_estimator import CompiledEstimator
@@ -66,7 +66,7 @@ class StudyEvaluator:
     """
 
     def __init__(
-        self, study: Study, simulator: Simulator | None = None, filters: Mapping[str, Filter] | None = None
+        self, study: StudySpec, simulator: Simulator | None = None, filters: Mapping[str, Filter] | None = None
     ) -> None:
         self.study, self.compiled, self.noise = study, CompiledStudy(study, simulator, filters), RunNoise(study)
         self.windows = ErrorWindows(study, self.compiled)

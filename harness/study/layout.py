@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.common import stores
-from harness.config import DesignSpec, ModelSpec, Study
+from harness.config import DesignSpec, ModelSpec, StudySpec
 from harness.config.bounds import loading_parameters
 from harness.config.self_contained import self_contained
 from harness.models.signals import SIGNALS
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 _RUN = ("band", "sample", "drive", "repeat", "estimator")
 
 
-def create(study: Study, evaluator: StudyEvaluator, path: Path, attributes: Mapping[str, Any]) -> None:
+def create(study: StudySpec, evaluator: StudyEvaluator, path: Path, attributes: Mapping[str, Any]) -> None:
     """Write a store in which every score is pending.
 
     Args:
@@ -54,7 +54,7 @@ def create(study: Study, evaluator: StudyEvaluator, path: Path, attributes: Mapp
 
 
 def _declare_scores(
-    study: Study, design: DesignSpec, evaluator: StudyEvaluator, root: Any, labels: xr.Dataset
+    study: StudySpec, design: DesignSpec, evaluator: StudyEvaluator, root: Any, labels: xr.Dataset
 ) -> dict[str, list[str]]:
     """Add the arrays of scores, as xarray would write them full of fill values; return the dimensions of each."""
     samples, repeats = unit_shape(study, design)
@@ -105,7 +105,7 @@ def _scores(over_time: bool) -> dict[str, tuple[tuple[str, ...], str, dict[str, 
     return scores
 
 
-def _known(study: Study, design: DesignSpec, evaluator: StudyEvaluator) -> xr.Dataset:
+def _known(study: StudySpec, design: DesignSpec, evaluator: StudyEvaluator) -> xr.Dataset:
     """Return what is known of a design before its first run: values of the factors, coordinates, attributes."""
     import xarray as xr  # a store that is there already is continued without
 
@@ -156,7 +156,7 @@ def as_text(words: Iterable[Any]) -> NDArray[Any]:
     return np.array([str(w) for w in words], dtype=object)
 
 
-def root_attributes(study: Study) -> dict[str, Any]:
+def root_attributes(study: StudySpec) -> dict[str, Any]:
     """Return what the root of a store says of study, code and machine."""
     sides = {"plant": study.plant, "belief": study.belief}
     description: dict[str, Any] = {
@@ -220,7 +220,7 @@ def _uncertain(spec: ModelSpec) -> list[str]:
     ]
 
 
-def words(study: Study) -> dict[str, Any]:
+def words(study: StudySpec) -> dict[str, Any]:
     """Return what a store says of its study that no score depends on, for the report and to compute runs again.
 
     ``study`` is the file as written, ``self_contained_study`` the same with all that its files say.

@@ -13,7 +13,7 @@ import sympy as sp
 import xarray as xr
 
 from harness.common.arrays import Floats
-from harness.models.assembly.model import Model
+from harness.models.assembly.model import StateSpaceModel
 from harness.models.assembly.plan import GroundPlan
 from harness.models.signals import SIGNALS
 
@@ -21,19 +21,21 @@ BEFORE = "_before_"
 """In the names of ports that only say what a port was without an effect."""
 
 
-def published(model: Model) -> tuple[str, ...]:
+def published(model: StateSpaceModel) -> tuple[str, ...]:
     """Return all that a vehicle says of itself: its states, and its ports that are signals."""
     ports = (p for p in model.ports if p in SIGNALS and BEFORE not in p)
     return tuple(dict.fromkeys([*model.states, *ports]))
 
 
-def lateral_signal(model: Model, body: str) -> str | None:
+def lateral_signal(model: StateSpaceModel, body: str) -> str | None:
     """Return the signal that is the lateral velocity of a body's CoG; ``None`` if it follows from others."""
     velocity = model.bodies[body].lateral_velocity
     return velocity.name if isinstance(velocity, sp.Symbol) else None
 
 
-def motion(plan: GroundPlan, model: Model, everything: xr.Dataset, parameters: Mapping[str, float]) -> xr.Dataset:
+def motion(
+    plan: GroundPlan, model: StateSpaceModel, everything: xr.Dataset, parameters: Mapping[str, float]
+) -> xr.Dataset:
     """Return how a vehicle moves, SI units.
 
     Args:
@@ -99,7 +101,7 @@ def motion(plan: GroundPlan, model: Model, everything: xr.Dataset, parameters: M
 
 
 def dead_reckoned(
-    model: Model, held: Mapping[str, Mapping[str, Floats]], time: Floats
+    model: StateSpaceModel, held: Mapping[str, Mapping[str, Floats]], time: Floats
 ) -> dict[str, tuple[Floats, Floats]]:
     """Return the path that the estimated motion of the first body's CoG adds up to, from the origin with heading zero.
 
@@ -129,7 +131,7 @@ def dead_reckoned(
     return paths
 
 
-def _expanded(expr: sp.Expr, model: Model, names: set[str]) -> sp.Expr | None:
+def _expanded(expr: sp.Expr, model: StateSpaceModel, names: set[str]) -> sp.Expr | None:
     """Return an expression in what is known, ports written out; ``None`` if it needs more."""
     expanded = sp.sympify(expr)
     for _ in range(len(model.ports) + 1):
@@ -142,7 +144,7 @@ def _expanded(expr: sp.Expr, model: Model, names: set[str]) -> sp.Expr | None:
     return None
 
 
-def _motion_of(model: Model, body: str) -> tuple[sp.Expr, sp.Expr, sp.Expr]:
+def _motion_of(model: StateSpaceModel, body: str) -> tuple[sp.Expr, sp.Expr, sp.Expr]:
     moves = model.bodies[body]
     return moves.speed, moves.lateral_velocity, moves.yaw_rate
 

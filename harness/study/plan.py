@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from harness.config import DesignSpec, Study
+from harness.config import DesignSpec, StudySpec
 from harness.engine.simd.lanes import LANES
 from harness.study.design import Unit, unit_shape
 from harness.study.evaluate import StudyEvaluator
@@ -52,7 +52,7 @@ class Plan:
         return f"{self.runs:,} runs to do: {took}{each}, at most {_bytes(self.size)} on disk"
 
 
-def size_on_disk(study: Study, runs: int, design: DesignSpec) -> float:
+def size_on_disk(study: StudySpec, runs: int, design: DesignSpec) -> float:
     """Return how many bytes the scores of some runs of a design take at most: not compressed, in whole blocks."""
     samples, repeats = unit_shape(study, design)
     own = samples * repeats
@@ -62,13 +62,13 @@ def size_on_disk(study: Study, runs: int, design: DesignSpec) -> float:
     return unit * max(runs / own, 1.0)
 
 
-def is_too_large_to_time(study: Study) -> bool:
+def is_too_large_to_time(study: StudySpec) -> bool:
     """Return whether only laying out the points of the first design takes much memory."""
     first = study.designs[0]
     return first.bands * first.samples * max(len(first.factors), 1) > _TOO_MANY_POINTS
 
 
-def of(study: Study, evaluator: StudyEvaluator | None, todo: Sequence[Unit], workers: int) -> Plan:
+def of(study: StudySpec, evaluator: StudyEvaluator | None, todo: Sequence[Unit], workers: int) -> Plan:
     """Return what units take.
 
     Args:
@@ -89,7 +89,7 @@ def of(study: Study, evaluator: StudyEvaluator | None, todo: Sequence[Unit], wor
     return Plan(sum(by_design), size, each * work / max(1, min(workers, len(todo))), workers)
 
 
-def _lanes(unit: Unit, study: Study) -> int:
+def _lanes(unit: Unit, study: StudySpec) -> int:
     """Return how many batches a unit has."""
     return -(-unit.runs(study) // LANES)
 

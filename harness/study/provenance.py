@@ -11,7 +11,7 @@ from pathlib import Path
 from types import ModuleType
 
 from harness.common import sources
-from harness.config import Study
+from harness.config import StudySpec
 from harness.config.roles import ESTIMATORS
 from harness.estimation.contract import load_estimator
 from harness.models.assembly.placement import load_effect
@@ -24,7 +24,7 @@ from harness.study.devices import device
 PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "sympy", "xarray", "zarr", "SALib", "robustness-harness")
 
 
-def code_state(study: Study) -> dict[str, str]:
+def code_state(study: StudySpec) -> dict[str, str]:
     """Return what scores depend on, to the bit, beside the study: ``engine`` and ``versions`` of the packages."""
     versions = {"python": platform.python_version(), **{p: importlib.metadata.version(p) for p in PACKAGES}}
     if study.device != "cpu":
@@ -32,7 +32,7 @@ def code_state(study: Study) -> dict[str, str]:
     return {"versions": json.dumps(versions), "engine": engine_hash(study)}
 
 
-def engine_hash(study: Study) -> str:
+def engine_hash(study: StudySpec) -> str:
     """Return a hash of the code and the networks that decide a study's scores, whatever their files are called.
 
     Raises:
@@ -51,7 +51,7 @@ def engine_hash(study: Study) -> str:
     return total.hexdigest()
 
 
-def parts(study: Study) -> list[ModuleType]:
+def parts(study: StudySpec) -> list[ModuleType]:
     """Return the components that a study uses, which ``evaluate`` finds by name and does not import."""
     components = [ESTIMATORS.load(e.kind) for e in study.estimators]
     for spec in (study.plant, study.belief):

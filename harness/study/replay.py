@@ -18,7 +18,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from harness.common.arrays import Floats
-from harness.config import Study
+from harness.config import StudySpec
 from harness.config.alone import Change, alone
 from harness.engine.simd.lanes import LANES
 from harness.models.assembly.plan import GroundPlan, Planner
@@ -74,7 +74,7 @@ class Replayed:
     """
 
     place: Place
-    study: Study
+    study: StudySpec
     estimators: tuple[int, ...]
     scores: dict[str, NDArray[Any]]
     data: xr.Dataset
@@ -96,7 +96,7 @@ class Replayer:
         UserError, ModelError: If a drive, model or estimator cannot be built.
     """
 
-    def __init__(self, study: Study, workers: int | None = None) -> None:
+    def __init__(self, study: StudySpec, workers: int | None = None) -> None:
         self.study, self.evaluator = study, StudyEvaluator(study)
         self._pool = ThreadPoolExecutor(workers)
         self._points = [points(study, d).values for d in study.designs]
@@ -111,7 +111,7 @@ class Replayer:
         """All that the plant publishes."""
         return Signals(published(self.study.plant.model()), self.evaluator.compiled.recorded.largest)
 
-    def alone(self, place: Place, changes: Sequence[Change] = ()) -> Study:
+    def alone(self, place: Place, changes: Sequence[Change] = ()) -> StudySpec:
         """Return a run as a study of its own, see ``harness.config.alone``.
 
         Raises:

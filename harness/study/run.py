@@ -29,7 +29,7 @@ from harness.common.lock import Lock, locked
 from harness.common.places import reached
 from harness.common.process import peak_memory_mib
 from harness.common.stages import bar
-from harness.config import Study
+from harness.config import StudySpec
 from harness.config.specs import Device
 from harness.engine.further_processes import Compiles, compile_all
 from harness.study import devices, run_file
@@ -56,7 +56,7 @@ class CompilesStudy(Compiles, Protocol):
     """What kernels are compiled of: ``StudyEvaluator``, or that of a device."""
 
     @property
-    def study(self) -> Study:
+    def study(self) -> StudySpec:
         """The study."""
 
 
@@ -76,7 +76,7 @@ def compile_kernels(evaluator: CompilesStudy, processes: int, say: Callable[[str
     compile_all(evaluator, partial(_evaluator, study), further, say)
 
 
-def _evaluator(study: Study) -> Compiles:
+def _evaluator(study: StudySpec) -> Compiles:
     evaluator = StudyEvaluator(study)
     return evaluator if study.device == "cpu" else device(study.device).evaluator(evaluator)
 
@@ -101,7 +101,7 @@ Agree = Callable[[str], None]
 
 
 def run_study(
-    study: Study,
+    study: StudySpec,
     out: Path,
     jobs: int | None = None,
     console: Console | None = None,
@@ -153,7 +153,7 @@ def run_study(
 
 
 def _run(
-    study: Study,
+    study: StudySpec,
     out: Path,
     jobs: int | None,
     console: Console,

@@ -9,7 +9,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.config import Study
+from harness.config import StudySpec
 from harness.engine.simd.lanes import LANES
 from harness.engine.standard_normal import seed_words, standard_normal
 from harness.study.design import Unit
@@ -35,7 +35,7 @@ class RunNoise:
         study: The study.
     """
 
-    def __init__(self, study: Study) -> None:
+    def __init__(self, study: StudySpec) -> None:
         self._seed, self._begin = study.seed, study.count_from
         self._common = [design.common_noise for design in study.designs]
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from harness.common import places, stores
 from harness.common.errors import UserError
-from harness.config import Study
+from harness.config import StudySpec
 from harness.study import checksums, sealed_root
 from harness.study.checksums import HISTORY, Fault
 from harness.study.design import Unit, unit_counts, unit_shape
@@ -57,7 +57,9 @@ class Store:
         UserError: If the folder holds another study's result, or this study's computed by other code.
     """
 
-    def __init__(self, study: Study, evaluator: Callable[[], StudyEvaluator], folder: Path, mend: bool = False) -> None:
+    def __init__(
+        self, study: StudySpec, evaluator: Callable[[], StudyEvaluator], folder: Path, mend: bool = False
+    ) -> None:
         self.study, self.folder, self.path = study, folder, folder / STORE
         self._attributes = root_attributes(study)
         self.mended: list[Fault] = []
@@ -185,7 +187,7 @@ class Store:
         sealed_root.seal(path)
 
 
-def place_of(study: Study, unit: Unit) -> checksums.Place:
+def place_of(study: StudySpec, unit: Unit) -> checksums.Place:
     """Return the place of a unit in the store."""
     design = study.designs[unit.design]
     samples, repeats = unit_shape(study, design)

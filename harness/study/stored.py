@@ -13,7 +13,7 @@ from harness.common import locations, stores
 from harness.common.errors import UserError
 from harness.common.files import BUNDLED_STUDIES, parse_toml
 from harness.common.places import is_url
-from harness.config import Study, build_study
+from harness.config import StudySpec, build_study
 from harness.models.drive_options import options_of
 from harness.models.quantities import listed
 from harness.study.differences import differences
@@ -27,7 +27,7 @@ TOLERANCE = 1e-6
 """Largest difference over the score by which a run of other code or another machine counts as the same."""
 
 
-def study_of(folder: Path, beside: Path | None = None) -> Study:
+def study_of(folder: Path, beside: Path | None = None) -> StudySpec:
     """Return the study that a result is of.
 
     The store says all of it but recordings and networks, which are looked for near the result and here. Stores of
@@ -73,7 +73,7 @@ def _places(folder: Path, beside: Path | None) -> list[Path]:
     return list(dict.fromkeys(p for p in places_tried if p is not None))
 
 
-def _files(study: Study) -> list[str]:
+def _files(study: StudySpec) -> list[str]:
     """Return the files that drives and estimators of a study name."""
     of_drives = [
         str(drive.options[option.name])
@@ -111,7 +111,7 @@ class Comparison:
     words: str
 
 
-def stored_scores(folder: Path, study: Study, run: Replayed) -> dict[str, np.ndarray]:
+def stored_scores(folder: Path, study: StudySpec, run: Replayed) -> dict[str, np.ndarray]:
     """Return the stored scores of a run by name, ``(estimator,)`` or ``(estimator, target)``.
 
     Raises:
@@ -130,7 +130,11 @@ def stored_scores(folder: Path, study: Study, run: Replayed) -> dict[str, np.nda
 
 
 def compare(
-    run: Replayed, stored: Mapping[str, np.ndarray], attributes: Mapping[str, Any], now: Mapping[str, Any], study: Study
+    run: Replayed,
+    stored: Mapping[str, np.ndarray],
+    attributes: Mapping[str, Any],
+    now: Mapping[str, Any],
+    study: StudySpec,
 ) -> Comparison:
     """Compare a run with what is stored of it.
 

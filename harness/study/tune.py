@@ -22,7 +22,7 @@ from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.files import toml_text, write_files
 from harness.common.registry import closest
-from harness.config import NOISE_GROUPS, DesignSpec, EstimatorSpec, Study
+from harness.config import NOISE_GROUPS, DesignSpec, EstimatorSpec, StudySpec
 from harness.engine.simd.lanes import LANES
 from harness.study.compiled_study import scale_noise
 from harness.study.design import Unit
@@ -60,7 +60,7 @@ class Tuning:
 
 
 def tune(
-    study: Study,
+    study: StudySpec,
     budget: int,
     repeats: int = 1,
     progress: Callable[[str], None] = lambda _: None,
@@ -140,7 +140,7 @@ def evolve(
     return answer.x, float(answer.fun)
 
 
-def chosen_estimators(study: Study, only: Sequence[str]) -> tuple[EstimatorSpec, ...]:
+def chosen_estimators(study: StudySpec, only: Sequence[str]) -> tuple[EstimatorSpec, ...]:
     """Return the estimators of these names, all without any name, in the order of the study."""
     names = [e.name for e in study.estimators]
     for name in only:
@@ -170,7 +170,9 @@ def _losses(evaluator: StudyEvaluator, index: int, runs: list[tuple[int, Any]], 
     return [float(t) for t in total]
 
 
-def write_tuning(path: Path, study: Study, budget: int, repeats: int, tunings: dict[str, Tuning], command: str) -> None:
+def write_tuning(
+    path: Path, study: StudySpec, budget: int, repeats: int, tunings: dict[str, Tuning], command: str
+) -> None:
     """Write what was found, with how, as a file that a study names by ``tuning``.
 
     Args:
@@ -194,7 +196,7 @@ def write_tuning(path: Path, study: Study, budget: int, repeats: int, tunings: d
 
 
 def tuning_text(
-    study: Study,
+    study: StudySpec,
     rule: str,
     how: Mapping[str, Any],
     factors: Mapping[str, Mapping[str, float]],

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from harness.common import places, stores
 from harness.common.errors import UserError
 from harness.common.places import reached
-from harness.config import Study
+from harness.config import StudySpec
 from harness.config.specs import Device
 from harness.study import run_file, sealed_root
 from harness.study.checksums import Fault, finished
@@ -67,7 +67,7 @@ def store_of(folder: Path) -> Path:
     return path
 
 
-def verify(folder: Path, find: Callable[[], Study], sample: int = 3, seed: int | None = None) -> Verification:
+def verify(folder: Path, find: Callable[[], StudySpec], sample: int = 3, seed: int | None = None) -> Verification:
     """Check every file of a store against its checksum, and compute some of its units again.
 
     Args:
@@ -84,7 +84,7 @@ def verify(folder: Path, find: Callable[[], Study], sample: int = 3, seed: int |
         return _verify(folder, find, sample, seed)
 
 
-def _verify(folder: Path, find: Callable[[], Study], sample: int, seed: int | None) -> Verification:
+def _verify(folder: Path, find: Callable[[], StudySpec], sample: int, seed: int | None) -> Verification:
     path = store_of(folder)
     with sealed_root.told_as_no_store(path):
         lost = sealed_root.faults(path)
@@ -124,7 +124,7 @@ def _device(attributes: dict[str, Any]) -> Device:
     return chosen
 
 
-def evaluator_of(study: Study) -> Callable[[Unit], dict[str, NDArray[np.generic]]]:
+def evaluator_of(study: StudySpec) -> Callable[[Unit], dict[str, NDArray[np.generic]]]:
     """Return what computes the scores of a unit, on the device of the study."""
     evaluator = StudyEvaluator(study)
     if study.device == "cpu":
@@ -139,7 +139,7 @@ def evaluator_of(study: Study) -> Callable[[Unit], dict[str, NDArray[np.generic]
 
 
 def _first_difference(
-    path: Path, study: Study, evaluate: Callable[[Unit], dict[str, NDArray[np.generic]]], unit: Unit
+    path: Path, study: StudySpec, evaluate: Callable[[Unit], dict[str, NDArray[np.generic]]], unit: Unit
 ) -> str:
     """Return the first array in which a unit computed again differs from the store; empty if none does."""
     group: Any = stores.group(path, study.designs[unit.design].name)
@@ -151,7 +151,7 @@ def _first_difference(
     return ""
 
 
-def _in_words(study: Study, unit: Unit) -> str:
+def _in_words(study: StudySpec, unit: Unit) -> str:
     """Return what a unit holds: design, band, drive and runs."""
     design = study.designs[unit.design]
     return (

@@ -24,7 +24,7 @@ from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.files import write_files
 from harness.common.statistics import tail_mean
-from harness.config import NOISE_GROUPS, DesignSpec, Study
+from harness.config import NOISE_GROUPS, DesignSpec, StudySpec
 from harness.engine.simd.lanes import LANES
 from harness.models.quantities import Quantity, quantity
 from harness.runner.contract import Batch, Held
@@ -117,7 +117,7 @@ class _Training:
 
 
 def tune_for_worst_case(
-    study: Study,
+    study: StudySpec,
     design: DesignSpec,
     budget: int,
     points: int = POINTS,
@@ -160,7 +160,7 @@ def tune_for_worst_case(
     return tunings
 
 
-def box_of(study: Study, design: DesignSpec, points: int) -> DesignSpec:
+def box_of(study: StudySpec, design: DesignSpec, points: int) -> DesignSpec:
     """Return a design of points over all bands of a design together.
 
     Raises:
@@ -269,7 +269,13 @@ def _traded(candidate: NoiseCandidate, weight: float) -> float:
 
 
 def write_worst_case(
-    path: Path, study: Study, design: DesignSpec, budget: int, points: int, tunings: dict[str, WorstCase], command: str
+    path: Path,
+    study: StudySpec,
+    design: DesignSpec,
+    budget: int,
+    points: int,
+    tunings: dict[str, WorstCase],
+    command: str,
 ) -> None:
     """Write what was found, with how, as a file that a study names by ``tuning``.
 

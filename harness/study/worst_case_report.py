@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from harness.common.arrays import Floats
-from harness.config import NOISE_GROUPS, DesignSpec, Study
+from harness.config import NOISE_GROUPS, DesignSpec, StudySpec
 from harness.models.quantities import listed, words
 from harness.reporting import style
 from harness.reporting.document import Block, Bullets, Drawing, Prose, Report, Section, Sheet, plain, strong
@@ -51,7 +51,7 @@ def _times(value: float) -> str:
     return "runs lost" if value >= 1e3 else f"{number(value, 3)}×"
 
 
-def report(study: Study, design: DesignSpec, tuned: dict[str, WorstCase], command: str) -> Report:
+def report(study: StudySpec, design: DesignSpec, tuned: dict[str, WorstCase], command: str) -> Report:
     """Return the report.
 
     Args:
@@ -173,7 +173,7 @@ def _panel(axes: Axes, name: str, result: WorstCase, look: style.Look) -> None:
     axes.grid()
 
 
-def _made(study: Study, design: DesignSpec, tuned: dict[str, WorstCase], command: str) -> Iterator[Block]:
+def _made(study: StudySpec, design: DesignSpec, tuned: dict[str, WorstCase], command: str) -> Iterator[Block]:
     tried = max(len(result.tried) for result in tuned.values())
     box = listed([words(f.parameter) for f in design.factors])
     yield Prose(

@@ -16,7 +16,7 @@ from sympy.core.relational import Relational
 from sympy.logic.boolalg import BooleanFunction
 
 from harness.common.sources import is_own
-from harness.models.assembly.assemble import Model, assemble, symbol
+from harness.models.assembly.assemble import StateSpaceModel, assemble, symbol
 from harness.models.assembly.expressions import larger, smaller
 from harness.models.contracts import Parameter
 from harness.models.signals import SIGNALS
@@ -104,7 +104,7 @@ def dimension(expr: sp.Expr, by_name: Mapping[str, UnitsContainer]) -> UnitsCont
     raise DimensionError(f"no rule for the units of {expr.func.__name__}; add one to harness/testing/dimensions.py")
 
 
-def check_dimensions(model: Model) -> int:
+def check_dimensions(model: StateSpaceModel) -> int:
     """Check every equation of a model and return how many there were.
 
     A port has the unit of its signal, a derivative that of its state per second (the next value in a discrete model
@@ -147,7 +147,7 @@ def _with_helpers(files: Iterable[ModuleType | None]) -> list[ModuleType]:
     return list(helpers.values())
 
 
-def assemble_with_units(vehicle: ModuleType, tyre: ModuleType | None, **parts) -> Model:
+def assemble_with_units(vehicle: ModuleType, tyre: ModuleType | None, **parts) -> StateSpaceModel:
     """Assemble a model whose constants with a unit (``CONSTANTS`` of a file) are parameters for once.
 
     A number like 9.81 in a product cannot be told from a plain one; a symbol can.

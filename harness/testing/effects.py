@@ -11,7 +11,7 @@ import sympy as sp
 
 from harness.common import components
 from harness.common.errors import ModelError
-from harness.models.assembly.assemble import Builder, Model, assemble
+from harness.models.assembly.assemble import Builder, StateSpaceModel, assemble
 from harness.models.assembly.placement import Layout, possible_parameters
 from harness.models.contracts import Parameter
 from harness.models.roles import EFFECTS, VEHICLES
@@ -47,15 +47,15 @@ def most_sensors(vehicle: str) -> str | None:
     return next(iter(fitting_sensors(vehicle, tyres(vehicle)[0])), None)
 
 
-def plain(vehicle: str, tyre: str | None) -> Model:
+def plain(vehicle: str, tyre: str | None) -> StateSpaceModel:
     """Return the model without the effect."""
     return model(vehicle, tyre, most_sensors(vehicle))
 
 
-_FITS: dict[types.ModuleType, list[tuple[str, str | None, Model]]] = {}
+_FITS: dict[types.ModuleType, list[tuple[str, str | None, StateSpaceModel]]] = {}
 
 
-def fits(name: str, effect: types.ModuleType) -> list[tuple[str, str | None, Model]]:
+def fits(name: str, effect: types.ModuleType) -> list[tuple[str, str | None, StateSpaceModel]]:
     """Return the models that the effect fits: (vehicle, tyre, model)."""
     if effect not in _FITS:
         _FITS[effect] = []
@@ -70,7 +70,7 @@ def fits(name: str, effect: types.ModuleType) -> list[tuple[str, str | None, Mod
     return _FITS[effect]
 
 
-def own_parameters(built: Model, without: Model) -> list[Parameter]:
+def own_parameters(built: StateSpaceModel, without: StateSpaceModel) -> list[Parameter]:
     """Return the parameters that the effect adds."""
     return [p for p in built.parameters if p.name not in without.parameter_names]
 
@@ -80,7 +80,7 @@ def drawn(parameter: Parameter, rng: np.random.Generator) -> float:
     return rng.uniform(0, 60) if parameter.per_drive else rng.uniform(parameter.lower, parameter.upper)
 
 
-def random_drive(built: Model, vehicle: str, rng: np.random.Generator) -> dict[str, float]:
+def random_drive(built: StateSpaceModel, vehicle: str, rng: np.random.Generator) -> dict[str, float]:
     """Return a random point at which states that follow the speed are near it."""
     point = random_point(built, vehicle, rng)
     follow = [s for s in built.start if built.start[s] == "speed"]
@@ -90,7 +90,9 @@ def random_drive(built: Model, vehicle: str, rng: np.random.Generator) -> dict[s
     return point | {s: point[next(n for n in named if n in point)] + point[s] for s in own}
 
 
-def compare(vehicle: str, tyre: str | None, built: Model, point: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
+def compare(
+    vehicle: str, tyre: str | None, built: StateSpaceModel, point: dict[str, float]
+) -> tuple[np.ndarray, np.ndarray]:
     """Return derivatives and outputs that a model shares with the one without the effect: with it, without it."""
     without = plain(vehicle, tyre)
     kept = [built.derivatives[built.states.index(s)] for s in without.states]

@@ -15,7 +15,7 @@ from harness.common import components
 from harness.common.components import remembered
 from harness.common.errors import ModelError
 from harness.common.registry import Role
-from harness.models.assembly.assemble import Model, assemble, symbol
+from harness.models.assembly.assemble import StateSpaceModel, assemble, symbol
 from harness.models.roles import ROLES
 
 _COMPILED: dict[Any, Any] = {}
@@ -67,7 +67,7 @@ def sets_of(vehicle: str) -> list[str]:
 
 @remembered
 @cache
-def model(vehicle: str, tyre: str | None, sensors: str | None = None) -> Model:
+def model(vehicle: str, tyre: str | None, sensors: str | None = None) -> StateSpaceModel:
     """Return a model without effects, assembled once."""
     return assemble(vehicle, tyre, (), sensors)
 
@@ -83,7 +83,7 @@ def fitting_sensors(vehicle: str, tyre: str | None) -> tuple[str, ...]:
     return tuple(sorted(sizes, key=lambda name: -sizes[name]))
 
 
-def evaluate(built: Model, expressions: list[sp.Expr], numbers: Mapping[str, float]) -> np.ndarray:
+def evaluate(built: StateSpaceModel, expressions: list[sp.Expr], numbers: Mapping[str, float]) -> np.ndarray:
     """Return the values of expressions over states, inputs, parameters and ports."""
     names = [*built.states, *built.inputs, *built.parameter_names]
     key = (id(built), tuple(expressions))
@@ -96,7 +96,7 @@ def evaluate(built: Model, expressions: list[sp.Expr], numbers: Mapping[str, flo
     return np.array(_COMPILED[key][1](*[numbers[n] for n in names]), dtype=float)
 
 
-def random_point(built: Model, vehicle: str, rng: np.random.Generator) -> dict[str, float]:
+def random_point(built: StateSpaceModel, vehicle: str, rng: np.random.Generator) -> dict[str, float]:
     """Return states inside ``VALID``, inputs of a drive, and the values of a parameter set of the vehicle."""
     point = {}
     for name in built.states:

@@ -4,7 +4,7 @@ from types import ModuleType
 
 import sympy as sp
 
-from harness.models.assembly.assemble import Model, assemble
+from harness.models.assembly.assemble import StateSpaceModel, assemble
 from harness.models.contracts import Parameter
 from harness.models.signals import Signal
 
@@ -23,7 +23,7 @@ def module(name: str, **members: object) -> ModuleType:
     return made
 
 
-def linear(outputs: tuple[str, ...] = ("alpha_test", "gamma_test")) -> Model:
+def linear(outputs: tuple[str, ...] = ("alpha_test", "gamma_test")) -> StateSpaceModel:
     """Return a stable linear model of three states, one input and one parameter."""
     states = ("alpha_test", "beta_test", "gamma_test")
 
@@ -46,7 +46,7 @@ def linear(outputs: tuple[str, ...] = ("alpha_test", "gamma_test")) -> Model:
     return assemble(vehicle, sensors=module("sensors_test", OUTPUTS={o: o for o in outputs}))
 
 
-def curved() -> Model:
+def curved() -> StateSpaceModel:
     """Return a non-linear model whose output is non-linear in the state as well."""
 
     def equations(v):

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from harness.models.assembly.assemble import Model, assemble
+from harness.models.assembly.assemble import StateSpaceModel, assemble
 from harness.models.contracts import Parameter
 from harness.models.roles import PARAMETERS, TYRES
 from harness.testing.dimensions import assemble_with_units, check_dimensions, check_parameters
@@ -57,7 +57,7 @@ def check_tyre(
                     _check_capacity(name, built, table, load_)
 
 
-def _check_force(name: str, built: Model, table: Mapping[str, float], load_: float) -> None:
+def _check_force(name: str, built: StateSpaceModel, table: Mapping[str, float], load_: float) -> None:
     require(force(built, table, 0.0, load_) == 0.0, f"{name}: a force without slip at {load_:g} N")
     for slip in SLIPS:
         there, right = force(built, table, slip, load_)[0], force(built, table, -slip, load_)[0]
@@ -65,7 +65,7 @@ def _check_force(name: str, built: Model, table: Mapping[str, float], load_: flo
         require(there > 0, f"{name}: the force at slip {slip:g} is {there:g}, not to its own side")
 
 
-def _check_slope(name: str, built: Model, table: Mapping[str, float], load_: float) -> None:
+def _check_slope(name: str, built: StateSpaceModel, table: Mapping[str, float], load_: float) -> None:
     stiffness = force(built, table, 0.0, load_, wanted=[STIFFNESS])[0]
     slope = force(built, table, 1e-8, load_)[0] / 1e-8  # a brush bends from the first slip on
     require(stiffness > 0, f"{name}: publishes a cornering stiffness of {stiffness:g}")
@@ -73,7 +73,7 @@ def _check_slope(name: str, built: Model, table: Mapping[str, float], load_: flo
     require(same, f"{name}: publishes a cornering stiffness of {stiffness:g}, its slope is {slope:g}")
 
 
-def _check_capacity(name: str, built: Model, table: Mapping[str, float], load_: float) -> None:
+def _check_capacity(name: str, built: StateSpaceModel, table: Mapping[str, float], load_: float) -> None:
     for friction in (0.2, 0.9):
         reached, limit = np.array([force(built, table, s, load_, friction, [FORCE, CAPACITY]) for s in SLIPS]).T
         require(np.allclose(limit, friction * load_), f"{name}: its capacity is not friction times load")
@@ -121,7 +121,7 @@ def loads(table: Mapping[str, float], usual: float = USUAL_LOAD) -> list[float]:
 
 
 def force(
-    built: Model,
+    built: StateSpaceModel,
     table: Mapping[str, float],
     slip: float,
     load_: float,

@@ -29,7 +29,7 @@ from bokeh.models import (
 
 from harness.common.errors import ModelError, UserError
 from harness.common.units import scale as unit_scale
-from harness.config import NOISE_SCALES, Study
+from harness.config import NOISE_SCALES, StudySpec
 from harness.config.alone import Change
 from harness.models.quantities import print_unit, quantity, words
 from harness.reporting import style
@@ -104,7 +104,7 @@ class Runs(StoredRuns):
             time.sleep(_GIVEN_WAY)
 
 
-def parameters_of(study: Study) -> dict[str, Parameter]:
+def parameters_of(study: StudySpec) -> dict[str, Parameter]:
     """Return what a run of a study may have otherwise, the factors of its designs first."""
     factors = {f.parameter: f for d in study.designs for f in d.factors}
     own = {p.name: (p.unit, p.lower, p.upper) for p in study.plant.model().parameters if not p.numerical}

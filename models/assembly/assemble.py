@@ -1,4 +1,4 @@
-"""Put a vehicle, a tyre, effects and sensors together into one ``Model``.
+"""Put a vehicle, a tyre, effects and sensors together into one ``StateSpaceModel``.
 
 A vehicle states its equations through a ``Builder``. Every quantity worth changing or looking at is published
 as a *port*: a named intermediate. An effect changes a port's definition and never the vehicle. Ports are
@@ -18,7 +18,7 @@ from harness.common import components, registry
 from harness.common.errors import ModelError
 from harness.models.assembly.contexts import EffectContext, TyreContext
 from harness.models.assembly.expressions import any_of, present
-from harness.models.assembly.model import Body, Model, symbol
+from harness.models.assembly.model import Body, StateSpaceModel, symbol
 from harness.models.assembly.placement import (
     Layout,
     Site,
@@ -34,7 +34,7 @@ from harness.models.contracts import DRIVE_INPUTS, Parameter
 from harness.models.roles import SENSORS, TYRES, VEHICLES
 from harness.models.signals import SIGNALS
 
-__all__ = ["Body", "Builder", "EffectContext", "Model", "TyreContext", "assemble", "symbol"]
+__all__ = ["Body", "Builder", "EffectContext", "StateSpaceModel", "TyreContext", "assemble", "symbol"]
 
 
 class Builder:
@@ -97,7 +97,7 @@ class Builder:
         return names
 
     def own_state(self, owner: str, name: str, start: float | str | None = None) -> sp.Symbol:
-        """Add a state of an effect, or return it if that effect has it already; ``start`` as in ``Model.start``."""
+        """Add a state of an effect, or return it if that effect has it; ``start`` as in ``StateSpaceModel.start``."""
         if self._own_states.setdefault(name, owner) != owner or name in self.vehicle.STATES:
             raise ModelError(f"{owner} has a state '{name}', which exists already")
         if name not in self.states:
@@ -243,7 +243,7 @@ class Builder:
                 f"'{next(iter(self._next_values))}'; state all of a model by one of the two"
             )
 
-    def finish(self, outputs: Mapping[str, str]) -> Model:
+    def finish(self, outputs: Mapping[str, str]) -> StateSpaceModel:
         """Add the sensors, check the wiring and return the model.
 
         Args:
@@ -274,7 +274,7 @@ class Builder:
         self._check_symbols(readable)
         reads_time = any(symbol("time") in e.free_symbols for e in [*self.ports.values(), *equations.values()])
         tyre_name = "" if self.tyre_file is None else "+" + components.name_of(self.tyre_file)
-        return Model(
+        return StateSpaceModel(
             name=self.vehicle_name + tyre_name,
             states=tuple(self.states),
             inputs=tuple([*self.inputs, "time"] if reads_time else self.inputs),
@@ -389,7 +389,7 @@ def assemble(
     effects: Sequence[str] | Mapping[str, ModuleType] = (),
     sensors: str | ModuleType | None = None,
     optional: bool = False,
-) -> Model:
+) -> StateSpaceModel:
     """Build a model from the names of its parts (or from modules that meet the same contract).
 
     Args:

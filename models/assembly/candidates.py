@@ -6,14 +6,14 @@ import functools
 
 from harness.common.components import remembered
 from harness.common.errors import ModelError
-from harness.models.assembly.assemble import Model, assemble
+from harness.models.assembly.assemble import StateSpaceModel, assemble
 from harness.models.assembly.placement import Layout, place_of, sites
 from harness.models.roles import EFFECTS, VEHICLES
 
 
 @remembered
 @functools.lru_cache(maxsize=256)
-def assembled(vehicle: str, tyre: str | None, effects: tuple[str, ...], sensors: str | None) -> Model:
+def assembled(vehicle: str, tyre: str | None, effects: tuple[str, ...], sensors: str | None) -> StateSpaceModel:
     """Return what ``assemble`` does, remembered: a search asks for the same models several times."""
     return assemble(vehicle, tyre, effects, sensors)
 

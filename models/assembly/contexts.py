@@ -180,7 +180,7 @@ class EffectContext(_Reader):
         Args:
             stem: Its name in ``STATES``.
             shared: Whether all places share it.
-            start: First value where it is not zero, as in ``Model.start``.
+            start: First value where it is not zero, as in ``StateSpaceModel.start``.
         """
         return self._builder.own_state(self._owner, self._state_name(stem, shared), start)
 

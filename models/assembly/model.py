@@ -51,7 +51,7 @@ class Body:
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class StateSpaceModel:
     """A complete set of equations: ``dx/dt = f(x, u, p)``, or ``x(n+1) = f(x, u, p)``; ``y = h(x, u, p)``.
 
     Attributes:
@@ -144,7 +144,7 @@ class Model:
             expanded[symbol(name)] = port.xreplace(expanded)
         return expr.xreplace(expanded)
 
-    def augment(self, unknown_inputs: Sequence[str]) -> Model:
+    def augment(self, unknown_inputs: Sequence[str]) -> StateSpaceModel:
         """Return the model with inputs moved into the state as random walks (Ziaukas 2.32, 2.33).
 
         Args:

@@ -17,7 +17,7 @@ import sympy as sp
 
 from harness.common.errors import ModelError
 from harness.models.assembly.expressions import larger, smaller
-from harness.models.assembly.model import Model, symbol
+from harness.models.assembly.model import StateSpaceModel, symbol
 from harness.models.contracts import Parameter
 from harness.models.signals import SIGNALS, Signal
 
@@ -78,7 +78,7 @@ def is_logarithmic(parameter: Parameter) -> bool:
     return parameter.lower >= 0
 
 
-def with_parameters(model: Model, states: Sequence[ParameterState], vehicle: ModuleType) -> Model:
+def with_parameters(model: StateSpaceModel, states: Sequence[ParameterState], vehicle: ModuleType) -> StateSpaceModel:
     """Return a model with parameters, or quantities of the load, moved into the state.
 
     Args:

@@ -17,7 +17,7 @@ from types import ModuleType
 
 import sympy as sp
 
-from harness.models.assembly.model import Body, Model, symbol
+from harness.models.assembly.model import Body, StateSpaceModel, symbol
 from harness.models.assembly.placement import Layout
 
 _SPEED = 15.0
@@ -98,7 +98,7 @@ class Planner:
         lengths: Names of the parameters on which it depends where axles and coupling are; none if nothing says where.
     """
 
-    def __init__(self, model: Model, vehicle: ModuleType) -> None:
+    def __init__(self, model: StateSpaceModel, vehicle: ModuleType) -> None:
         self.lengths: frozenset[str] = frozenset()
         self._vehicle, self._layout = vehicle, Layout.of(vehicle)
         self._axles: dict[str, _AxleSlopes] | None = None
@@ -142,7 +142,7 @@ class Planner:
 
 
 @functools.lru_cache(maxsize=8)
-def planner(model: Model, vehicle: ModuleType) -> Planner:
+def planner(model: StateSpaceModel, vehicle: ModuleType) -> Planner:
     """Return the planner of a vehicle; to read its equations takes a second."""
     return Planner(model, vehicle)
 
@@ -167,7 +167,7 @@ def _guessed(points: list[tuple[float, float]]) -> Outline:
 class _Slopes:
     """Slopes of ports at straight driving, as expressions in the parameters."""
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, model: StateSpaceModel) -> None:
         self._model = model
         self._numbers = {symbol(n): sp.Float(0.0) for n in (*model.states, *model.inputs, *model.flags, "time")}
         speeds = [self._written_out(body.speed) for body in model.bodies.values()]

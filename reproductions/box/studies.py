@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from harness.config import Study, build_study
+from harness.config import StudySpec, build_study
 from harness.models.roles import PARAMETERS
 
 SET = "ziaukas_2023"
@@ -78,7 +78,7 @@ def drives(at: Mapping[str, float]) -> list[dict[str, Any]]:
     return [{**drive, "duration": DURATION, "lateral_acceleration_limit": 20.0} for drive in chosen]
 
 
-def study_at(at: Mapping[str, float], network: str = NETWORK) -> Study:
+def study_at(at: Mapping[str, float], network: str = NETWORK) -> StudySpec:
     """Return the dissertation's studies at a point.
 
     Args:

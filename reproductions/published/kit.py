@@ -13,7 +13,7 @@ import numpy as np
 from harness.common.arrays import Floats
 from harness.engine.compile import compile_model
 from harness.estimation.compiled_estimator import CompiledEstimator
-from harness.models.assembly.assemble import Model, assemble
+from harness.models.assembly.assemble import StateSpaceModel, assemble
 from harness.models.parameters import kit_2015a
 from harness.models.vehicles import scalar_example
 from harness.recordings.noise_at_rest import Running
@@ -31,7 +31,12 @@ START = scalar_example.START_VARIANCE["example_state"]
 
 
 def filtered(
-    model: Model, noise: tuple[float, float], start: tuple[float, float], u: Floats, y: Floats, transition: float | None
+    model: StateSpaceModel,
+    noise: tuple[float, float],
+    start: tuple[float, float],
+    u: Floats,
+    y: Floats,
+    transition: float | None,
 ) -> tuple[Floats, Floats, Floats]:
     """Run our Kalman filter over measurements of a scalar model.
 

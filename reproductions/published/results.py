@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from harness import estimation
 from harness.common import stores
 from harness.common.errors import UserError
-from harness.config import Study, build_study, load_study
+from harness.config import StudySpec, build_study, load_study
 from harness.estimation.narx_network import load as load_network
 from harness.realtime import outcome
 from harness.study.provenance import code_state, engine_hash
@@ -174,7 +174,7 @@ class Stored(Results):
         return Origin(name, command, _made(folder, path), state)
 
 
-def state_of(attributes: Mapping[str, Any], study: Study) -> str:
+def state_of(attributes: Mapping[str, Any], study: StudySpec) -> str:
     """Return whether a store is what the study would give today, or why not."""
     if attributes.get("study_hash") != study.hash:
         return "of an earlier text of the study or its parameters"
@@ -209,7 +209,7 @@ def _day(path: Path) -> str:
     return datetime.fromtimestamp(path.stat().st_mtime, UTC).date().isoformat()
 
 
-def _run(study: Study, folder: Path) -> StudyResults:
+def _run(study: StudySpec, folder: Path) -> StudyResults:
     """Run a study into a folder and return its result; what is there by other code or of another text is removed."""
     if (folder / STORE).is_dir():
         attributes = dict(stores.group(folder / STORE).attrs)

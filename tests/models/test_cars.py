@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from harness.models.assembly.assemble import Model, assemble, symbol
+from harness.models.assembly.assemble import StateSpaceModel, assemble, symbol
 from harness.models.roles import VEHICLES
 from support.cars import CAR, WHEELS, function_of
 
@@ -24,16 +24,16 @@ def on_slip_angles(apply, reads: tuple[str, ...] = ()) -> types.ModuleType:
 
 
 @pytest.fixture(scope="module")
-def car() -> Model:
+def car() -> StateSpaceModel:
     return assemble("car_two_track", "magic_formula", (), "car_inertial")
 
 
-def at_rest(model: Model, **changed: float) -> dict[str, float]:
+def at_rest(model: StateSpaceModel, **changed: float) -> dict[str, float]:
     point = dict.fromkeys((*model.states, *model.inputs), 0.0) | CAR
     return point | {"friction_coefficient": CAR["friction"], "longitudinal_velocity": 20.0, "speed": 20.0} | changed
 
 
-def quantities(model: Model, names: tuple[str, ...], point: dict[str, float]) -> dict[str, float]:
+def quantities(model: StateSpaceModel, names: tuple[str, ...], point: dict[str, float]) -> dict[str, float]:
     found = function_of(model, names)(point)
     keys = [*(f"d {s}" for s in model.states), *names]
     return dict(zip(keys, found, strict=True))

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import sympy as sp
 
-from harness.models.assembly.assemble import Model, symbol
+from harness.models.assembly.assemble import StateSpaceModel, symbol
 from harness.models.contracts import DriveContext
 from harness.models.roles import PARAMETERS
 
@@ -18,7 +18,7 @@ _HEAVISIDE = {"Heaviside": lambda x, half=0.5: 1.0 if x > 0 else 0.0 if x < 0 el
 
 
 @cache
-def function_of(model: Model, names: tuple[str, ...]):
+def function_of(model: StateSpaceModel, names: tuple[str, ...]):
     """Return ``f(**states and inputs and parameters)``: derivatives of the states, then the named quantities."""
     read = [*model.states, *model.inputs, *model.parameter_names]
     ports = [(symbol(n), e) for n, e in model.ports.items()]

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 
-from harness.models.assembly.assemble import Model, assemble
+from harness.models.assembly.assemble import StateSpaceModel, assemble
 from harness.models.parameters import althoff_2020, govindarajan_2018, ziaukas_2023
 from support.numeric import evaluator
 
@@ -16,16 +16,16 @@ VALUES = {"semitrailer": ziaukas_2023.VALUES, "car": govindarajan_2018.VALUES, "
 
 
 @cache
-def built(vehicle: str, effects: tuple[str, ...], tyre: str = "magic_formula") -> Model:
+def built(vehicle: str, effects: tuple[str, ...], tyre: str = "magic_formula") -> StateSpaceModel:
     return assemble(vehicle, tyre, effects, SENSORS[vehicle])
 
 
-def values(model: Model, vehicle: str, **own: float) -> dict[str, float]:
+def values(model: StateSpaceModel, vehicle: str, **own: float) -> dict[str, float]:
     neutral = {p.name: p.neutral for p in model.parameters if p.neutral is not None}
     return {**VALUES[vehicle], **neutral, **own}
 
 
-def point(model: Model, **given: float) -> tuple[np.ndarray, np.ndarray]:
+def point(model: StateSpaceModel, **given: float) -> tuple[np.ndarray, np.ndarray]:
     """Return state and inputs by name; what is not given is zero, the speed 20 m/s."""
     given = {"speed": 20.0, "longitudinal_velocity": 20.0, "friction_coefficient": 1.0, **given}
     return tuple(np.array([given.get(n, 0.0) for n in names]) for names in (model.states, model.inputs))

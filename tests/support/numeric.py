@@ -10,13 +10,13 @@ import numpy as np
 import sympy as sp
 
 from harness.common.arrays import Floats
-from harness.models.assembly.assemble import Model, symbol
+from harness.models.assembly.assemble import StateSpaceModel, symbol
 
-_COMPILED: dict[tuple[int, tuple[str, ...]], tuple[Model, Callable[..., Any]]] = {}
+_COMPILED: dict[tuple[int, tuple[str, ...]], tuple[StateSpaceModel, Callable[..., Any]]] = {}
 
 
 def evaluator(
-    model: Model, values: Mapping[str, float], quantities: Sequence[str] = ()
+    model: StateSpaceModel, values: Mapping[str, float], quantities: Sequence[str] = ()
 ) -> Callable[[Floats, Floats], Floats]:
     """Return ``f(x, u)``: the derivatives, or the named ports, for states (nx,) and inputs (nu,)."""
     key = (id(model), tuple(quantities))
@@ -52,6 +52,6 @@ def euler(
     return np.array(run)
 
 
-def named(model: Model, x: Floats) -> Any:
+def named(model: StateSpaceModel, x: Floats) -> Any:
     """Return the state vector (or run) as attributes by signal name."""
     return SimpleNamespace(**{n: x[..., i] for i, n in enumerate(model.states)})

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import sympy as sp
 
-from harness.models.assembly.assemble import Builder, Model, assemble
+from harness.models.assembly.assemble import Builder, StateSpaceModel, assemble
 from harness.testing.small_vehicles import module
 
 STATES = ("alpha_test", "beta_test", "gamma_test")
@@ -15,7 +15,7 @@ def discrete(
     states: int,
     ahead: Callable[[Builder, list[sp.Symbol], sp.Symbol], list[sp.Expr]],
     measured: Sequence[str] = (),
-) -> Model:
+) -> StateSpaceModel:
     """Return a model of up to three states with ``x(n+1) = ahead(v, x, u)``.
 
     Args:
@@ -36,12 +36,12 @@ def discrete(
     return assemble(vehicle, sensors=module("sensors_test", OUTPUTS={o: o for o in measured}))
 
 
-def quadratic(states: int = 1) -> Model:
+def quadratic(states: int = 1) -> StateSpaceModel:
     """Return ``x_i(n+1) = 2 x_i + 0.7 x_i^2``, without outputs but the first state."""
     return discrete(states, lambda v, x, u: [2 * s + sp.Rational(7, 10) * s**2 for s in x], ["alpha_test"])
 
 
-def squared_output() -> Model:
+def squared_output() -> StateSpaceModel:
     """Return a constant that is measured through its square."""
 
     def ahead(v, x, u):
@@ -51,7 +51,7 @@ def squared_output() -> Model:
     return discrete(1, ahead, ["product_test"])
 
 
-def linear_in_disguise(scale: float = 1.0) -> Model:
+def linear_in_disguise(scale: float = 1.0) -> StateSpaceModel:
     """Return a linear model whose outputs are linear wherever it is used, but not to the compiler: |x + 50|.
 
     Outputs are ``50 + alpha + beta`` and ``scale (50 + beta)``; the inputs enter both states.

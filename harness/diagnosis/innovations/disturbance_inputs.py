@@ -17,7 +17,7 @@ import sympy as sp
 from harness.common.arrays import Floats
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import Hypothesis, hypotheses
-from harness.models.assembly.assemble import Model, symbol
+from harness.models.assembly.assemble import StateSpaceModel, symbol
 from harness.models.assembly.candidates import assembled
 from harness.models.assembly.placement import Layout, suffix
 from harness.models.assembly.plan import GroundPlan
@@ -123,7 +123,7 @@ def _of_effect(augmented: AugmentedModel, h: Hypothesis) -> list[DisturbanceInpu
     return inputs
 
 
-def _changed_by(model: Model, name: str) -> tuple[str, ...]:
+def _changed_by(model: StateSpaceModel, name: str) -> tuple[str, ...]:
     """Return the ports that a parameter changes; none if how much depends on what the vehicle does."""
     moving = {symbol(n) for n in (*model.states, *model.inputs, *model.ports)} - {symbol("time")}
     amplitude, ports = symbol(name), []

@@ -30,7 +30,7 @@ from harness.engine.simd.lanes import LANES
 from harness.identification.data import DriveData
 from harness.identification.filtered_model import Candidates, Each, FilteredModel, FilterRun, Slopes, for_each
 from harness.identification.measured_inputs import Between
-from harness.models.assembly.assemble import Model, assemble
+from harness.models.assembly.assemble import StateSpaceModel, assemble
 from harness.models.assembly.candidates import assembled, placements
 from harness.models.assembly.placement import load_effect, parameter_at, split
 from harness.models.assembly.plan import planner
@@ -279,7 +279,7 @@ class AugmentedModel(FilteredModel):
         model = self._moving if self._moves_in(point.values) else self.nominal
         return self._process(point, model)[:, 0]
 
-    def _process(self, candidates: Candidates, model: Model) -> Floats:
+    def _process(self, candidates: Candidates, model: StateSpaceModel) -> Floats:
         walks = [model.noise[s] * self.spec.step for s in model.states[len(self.nominal.states) :]]
         return np.concatenate([candidates.process, *(np.full((1, candidates.count), v) for v in walks)])
 
@@ -292,7 +292,7 @@ class _Filter:
         model: What the filter knows.
     """
 
-    def __init__(self, augmented: AugmentedModel, model: Model) -> None:
+    def __init__(self, augmented: AugmentedModel, model: StateSpaceModel) -> None:
         self.model, whole = model, augmented.compiled
         self.rows = [augmented.row(n) for n in model.parameter_names]
         self.inputs = np.array([augmented.model.inputs.index(name) for name in model.inputs])
@@ -313,7 +313,7 @@ def _of_states(effects: Floats, nx: int, count: int) -> Floats:
     return effects if nx == count else np.concatenate([effects[:, :nx], effects[:, count:]], axis=1)
 
 
-def _first(model: Model, states: Sequence[str]) -> Model:
+def _first(model: StateSpaceModel, states: Sequence[str]) -> StateSpaceModel:
     """Return a model with some states in front of the others."""
     order = [*states, *(s for s in model.states if s not in states)]
     rates = dict(zip(model.states, model.derivatives, strict=True))
@@ -350,7 +350,7 @@ def _intensity(name: str) -> str:
     return parameter_at(declared, split(name)[1] or "").name
 
 
-def _assembled(spec: ModelSpec, files: tuple[str, ...]) -> Model:
+def _assembled(spec: ModelSpec, files: tuple[str, ...]) -> StateSpaceModel:
     """Return the nominal model with all of these effects; an incompatible one is refused by name."""
     VEHICLES.load(spec.vehicle)
     try:

@@ -31,7 +31,7 @@ from harness.diagnosis.innovations.innovation_model import lasso
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking
 from harness.identification.data import DriveData
-from harness.models.assembly.assemble import Model, symbol
+from harness.models.assembly.assemble import StateSpaceModel, symbol
 from harness.models.signals import SIGNALS
 
 _LOWEST_SPEED = 1.0
@@ -113,7 +113,7 @@ def rates(drive: DriveData) -> Floats:
     return (padded[2 * reach :] - padded[: -2 * reach]) / (2 * reach * step)
 
 
-def _measured(model: Model, state: str) -> bool:
+def _measured(model: StateSpaceModel, state: str) -> bool:
     return any(
         model.ports.get(f"sensor_{output}", expr) == symbol(state) or expr == symbol(state)
         for output, expr in model.outputs.items()
@@ -129,7 +129,7 @@ def _rate_of_input(name: str, i: int) -> Regressor:
     return Regressor(f"{name}_rate", words, f"{SIGNALS[name].unit}/s", lambda x, u, du: du[:, i])
 
 
-def _rate_of_state(model: Model, state: str, measured: list[str]) -> Regressor | None:
+def _rate_of_state(model: StateSpaceModel, state: str, measured: list[str]) -> Regressor | None:
     """Return the rate of a state that follows from measured ones alone."""
     rate = model.derivatives[model.states.index(state)]
     reads = {s.name for s in rate.free_symbols}

@@ -19,7 +19,7 @@ from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.files import read_toml
 from harness.common.places import inside, remove
-from harness.config import ModelSpec, Study, build_study, load_study
+from harness.config import ModelSpec, StudySpec, build_study, load_study
 from harness.config.schema import as_table
 from harness.config.self_contained import without_files
 from harness.simulation.drives import profile_of
@@ -139,7 +139,7 @@ def study_gain(
     content = read_toml(path)
     times = change_times(models["amended"], load_study(path))
 
-    def with_belief(name: str) -> Study:
+    def with_belief(name: str) -> StudySpec:
         table = bare_tables(content, estimators, repeats)
         table["name"] += f"-{name}"
         for side, model in (("plant", "amended"), ("belief", name)):
@@ -159,7 +159,7 @@ def study_gain(
     return StudyGain(path, study.title or study.name, by_belief["nominal"], by_belief["amended"], study.seed, times)
 
 
-def change_times(amended: ModelSpec, study: Study) -> dict[str, float]:
+def change_times(amended: ModelSpec, study: StudySpec) -> dict[str, float]:
     """Return when changes begin: each drive has its own, so here they are spread evenly over the shortest one."""
     names = [p.name for p in amended.model().parameters if p.per_drive]
     shortest = min(profile_of(study.plant, d).time[-1] for d in study.drives)

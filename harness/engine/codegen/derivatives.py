@@ -14,7 +14,7 @@ import sympy as sp
 
 from harness.engine.codegen.conditionals import hoisted
 from harness.engine.codegen.lift import Lift
-from harness.models.assembly.assemble import Model, symbol
+from harness.models.assembly.assemble import StateSpaceModel, symbol
 from harness.models.assembly.expressions import flags_in, present
 
 Entries = dict[tuple[int, int], sp.Expr]
@@ -45,7 +45,7 @@ class Equations:
             one is; grows with what kernels ask for.
     """
 
-    model: Model
+    model: StateSpaceModel
     constants: dict[sp.Symbol, sp.Expr]
     assignments: dict[sp.Symbol, sp.Expr]
     derivatives: list[sp.Expr]
@@ -89,7 +89,7 @@ class Equations:
 
 
 def derive(
-    model: Model, signals: Sequence[str] = (), parameters: Sequence[str] = (), jacobians: bool = True
+    model: StateSpaceModel, signals: Sequence[str] = (), parameters: Sequence[str] = (), jacobians: bool = True
 ) -> Equations:
     """Return the straight-line form of a model.
 
@@ -150,7 +150,7 @@ Straight = tuple[dict[sp.Symbol, sp.Expr], list[sp.Expr]]
 """Assignments in order of use, and expressions that read them."""
 
 
-def _expanded(model: Model, wanted: Sequence[sp.Expr]) -> Straight:
+def _expanded(model: StateSpaceModel, wanted: Sequence[sp.Expr]) -> Straight:
     """Return expressions written out in states, inputs and parameters, with common subexpressions named."""
     ports = _expand(model)
     roots = [_substitute(expr, ports) for expr in wanted]
@@ -158,7 +158,7 @@ def _expanded(model: Model, wanted: Sequence[sp.Expr]) -> Straight:
     return dict(shared), reduced
 
 
-def _named_ports(model: Model, wanted: Sequence[sp.Expr]) -> Straight:
+def _named_ports(model: StateSpaceModel, wanted: Sequence[sp.Expr]) -> Straight:
     """Return expressions with every port an assignment of its own, as effects that may be absent need it.
 
     Each of them holds what it changes twice, so that written out the equations would double with every effect.
@@ -189,7 +189,7 @@ def _named_ports(model: Model, wanted: Sequence[sp.Expr]) -> Straight:
     return needed(assignments, reduced[len(named) :]), reduced[len(named) :]
 
 
-def _expand(model: Model) -> dict[sp.Symbol, sp.Expr]:
+def _expand(model: StateSpaceModel) -> dict[sp.Symbol, sp.Expr]:
     """Return every port in terms of states, inputs and parameters."""
     expanded: dict[sp.Symbol, sp.Expr] = {}
     for name, expr in model.ports.items():

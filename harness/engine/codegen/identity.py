@@ -9,10 +9,10 @@ from dataclasses import fields
 import sympy as sp
 
 from harness.common.sources import digest, has_file, is_own
-from harness.models.assembly.assemble import Model
+from harness.models.assembly.assemble import StateSpaceModel
 
 
-def identity(model: Model) -> str | None:
+def identity(model: StateSpaceModel) -> str | None:
     """Return a text that two models share only if they are equal, whatever process assembled them.
 
     It takes a tenth of the time in which their equations are derived. Functions are told apart by the source of their
