@@ -15,8 +15,7 @@ from harness.common.errors import UserError
 if TYPE_CHECKING:
     import pandas as pd
 
-    from harness.config import DesignSpec
-    from harness.config import Study as StudyRecord
+    from harness.config import DesignSpec, StudySpec
     from harness.recorded.tuning import NoiseTuning
     from harness.study.tune import Tuning as Factors
     from harness.study.worst_case import WorstCase
@@ -94,11 +93,11 @@ def tune(
     return TunedStudy(training, worst, budget, points, box)
 
 
-def _untuned(spec: StudyRecord) -> StudyRecord:
+def _untuned(spec: StudySpec) -> StudySpec:
     return replace(spec, tuning="", estimators=tuple(replace(e, noise={}) for e in spec.estimators))
 
 
-def _box(spec: StudyRecord, design: str | None) -> DesignSpec:
+def _box(spec: StudySpec, design: str | None) -> DesignSpec:
     from harness.common.registry import closest
 
     names = [d.name for d in spec.designs]
@@ -112,7 +111,7 @@ class TunedStudy(Shown):
 
     def __init__(
         self,
-        training: StudyRecord,
+        training: StudySpec,
         tuned: Mapping[str, Factors] | Mapping[str, WorstCase],
         budget: int,
         runs: int,
