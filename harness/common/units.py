@@ -94,6 +94,37 @@ def _refuse_extreme(number: float, value: object, where: str) -> None:
         raise UserError(f"{where}: {value!r} is too {size} to be squared; write 0, or a size from 1e-150 to 1e150")
 
 
+def si_unit(written: str) -> str:
+    """Return the SI unit without a prefix that a unit belongs to: ``N/rad`` for ``kN/rad``, ``kg`` for ``t``.
+
+    Raises:
+        UserError: If it is no unit.
+    """
+    try:
+        quantity = registry().Quantity(1.0, written or "dimensionless")
+        plain = 1.0 * registry().dimensionless
+        for name, power in quantity.unit_items():
+            plain *= registry().Quantity(1.0, registry().parse_unit_name(name)[0][1]) ** power
+        units = plain.units if plain.to_base_units().magnitude == 1.0 else quantity.to_base_units().units
+    except Exception as error:  # pint raises of many kinds
+        raise UserError(f"'{written}' is no unit: {error}") from None
+    return "" if units == registry().dimensionless else f"{units:~}".replace(" ", "")
+
+
+def line(written: str, unit: str) -> tuple[float, float]:
+    """Return factor and offset that take numbers of one unit to another.
+
+    Raises:
+        UserError: If the units do not fit.
+    """
+    try:
+        own, other = (registry().Unit(each or "dimensionless") for each in (written, unit))
+        zero, one = (registry().Quantity(x, own).to(other).magnitude for x in (0.0, 1.0))
+    except Exception as error:  # pint raises of many kinds
+        raise UserError(f"'{written}' does not fit the unit '{unit or 'none'}': {error}") from None
+    return float(one - zero), float(zero)
+
+
 def plain_number(text: str) -> float | None:
     """Return the number that a text is, NaN and infinity included; ``None`` if it has a unit or is no number.
 

@@ -34,10 +34,10 @@ def broken_relations(vehicle: str, values: Mapping[str, float]) -> list[tuple[st
     """Return ``(parameter, what is wrong)`` for values that are impossible together.
 
     Args:
-        vehicle: File in ``models/vehicles``; its optional ``check(values)`` is asked.
+        vehicle: File in ``models/vehicles``, whose optional ``check(values)`` is asked; empty for one without.
         values: All parameters, SI.
     """
-    check = getattr(VEHICLES.load(vehicle), "check", None)
+    check = getattr(VEHICLES.load(vehicle), "check", None) if vehicle else None
     if check is None:
         return []
     try:
@@ -54,7 +54,7 @@ def loading_parameters(vehicle: str) -> dict[str, Parameter]:
 @remembered
 @functools.lru_cache(maxsize=64)
 def _loading_parameters(vehicle: str) -> dict[str, Parameter]:  # looking for the vehicle reads folders
-    return {p.name: p for p in getattr(VEHICLES.load(vehicle), "LOADING", ())}
+    return {p.name: p for p in getattr(VEHICLES.load(vehicle), "LOADING", ())} if vehicle else {}
 
 
 def loading(vehicle: str, values: Mapping[str, float]) -> dict[str, float]:

@@ -23,6 +23,7 @@ from harness.config.entries import (
     score_after,
     whole_paths,
 )
+from harness.config.external import is_external, resolve_external
 from harness.config.factors import Models, number
 from harness.config.model import resolve_model, stated
 from harness.config.problems import Problems, validated
@@ -145,8 +146,12 @@ def _resolve(raw: StudyFile, text: str, path: Path) -> StudySpec:
     folder = path.parent
 
     plant_table = stated("plant", raw.plant, folder, problems)
-    plant = resolve_model(plant_table, problems)
-    belief = resolve_model(stated("belief", raw.belief, folder, problems, plant_table), problems)
+    if is_external(raw.plant):
+        belief = resolve_model(stated("belief", raw.belief, folder, problems, plant_table.only("step")), problems)
+        plant = resolve_external(raw.plant, plant_table, belief, folder, problems)
+    else:
+        plant = resolve_model(plant_table, problems)
+        belief = resolve_model(stated("belief", raw.belief, folder, problems, plant_table), problems)
     drives = drives_of(raw, folder, problems)
     estimators, rule = with_tuning(raw.tuning, estimator_specs(raw.estimator, folder, problems), folder, problems)
     designs: list[DesignSpec] = []
@@ -343,8 +348,12 @@ def _hash(study: StudySpec) -> str:
 
     def model(spec: ModelSpec) -> dict[str, Any]:
         # a study without them stays the same
-        absent = {k for k in ("input_noise", "parameter_states") if not getattr(spec, k)}
-        return {k: v for k, v in asdict(spec).items() if k not in {"parameters", *absent}}
+        absent = {k for k in ("input_noise", "parameter_states", "external") if not getattr(spec, k)}
+        content = {k: v for k, v in asdict(replace(spec, external=None)).items() if k not in {"parameters", *absent}}
+        if spec.external is not None:  # what its files are called, and how long they may take, decides no score
+            described = replace(spec.external.description, file="", facts={})
+            content["external"] = described.as_dict() | {"digests": sorted(described.digests.values())}
+        return content
 
     content = {
         "name": study.name,

@@ -32,6 +32,7 @@ _SIMPLE = (
     "integrator",
     "step",
     "substeps",
+    "timeout",
     "unknown_inputs",
     *KEYS,
 )
@@ -59,6 +60,11 @@ class Stated:
     def group(self, prefix: str) -> dict[str, Any]:
         """Return the entries ``prefix.<name>`` by name."""
         return {k.removeprefix(f"{prefix}."): v for k, v in self.entries.items() if k.startswith(f"{prefix}.")}
+
+    def only(self, name: str) -> Stated:
+        """Return a table with this entry alone."""
+        there = name in self.entries
+        return Stated(self.side, {name: self[name]} if there else {}, {name: self.key(name)} if there else {})
 
     def own(self, name: str) -> bool:
         """Whether the entry was written in this table and not inherited."""
@@ -131,7 +137,7 @@ def resolve_model(table: Stated, problems: Problems) -> ModelSpec | None:
     """
     before, parameter_set = len(problems), table.parameter_set
     model = _assemble(table, problems)
-    step = _number(table, "step", "s", problems, 0.01)
+    step = number(table, "step", "s", problems, 0.01)
     if step is not None and step <= 0:
         problems.add(table.key("step"), f"the sample time must be positive, e.g. '10 ms', got {table['step']!r}")
         step = None
@@ -142,7 +148,7 @@ def resolve_model(table: Stated, problems: Problems) -> ModelSpec | None:
         "process": _noise(table, "process", model, parameter_set, step, problems),
         "measurement": _noise(table, "measurement", model, parameter_set, step, problems),
     }
-    input_noise = _input_noise(table, model, problems)
+    noisy_inputs = input_noise(table, model, problems)
     uncertain = _parameter_states(table, model, values, parameter_set, problems)
     if len(problems) > before:
         return None
@@ -160,7 +166,7 @@ def resolve_model(table: Stated, problems: Problems) -> ModelSpec | None:
         process_noise=noise["process"],
         measurement_noise=noise["measurement"],
         unknown_inputs=tuple(table["unknown_inputs"] or ()),
-        input_noise=input_noise,
+        input_noise=noisy_inputs,
         parameter_states=uncertain,
     )
 
@@ -216,7 +222,7 @@ def _assemble(table: Stated, problems: Problems) -> StateSpaceModel | None:
     return None if len(problems) > before else plain.augment(unknown)
 
 
-def _number(table: Stated, name: str, unit: str, problems: Problems, default: float | None = None) -> float | None:
+def number(table: Stated, name: str, unit: str, problems: Problems, default: float | None = None) -> float | None:
     """Return an entry in SI units, its default if absent, ``None`` if it is wrong."""
     from harness.common.units import to_si
 
@@ -287,7 +293,7 @@ def _values(table: Stated, model: StateSpaceModel, parameter_set: ParameterSet, 
     from harness.common.units import to_si
 
     given = table.group("values")
-    _refuse_unknown(table, "values", given, model.parameter_names, "parameter", problems)
+    refuse_unknown(table, "values", given, model.parameter_names, "parameter", problems)
     values: dict[str, float] = {}
     missing: list[str] = []
     for p in model.parameters:
@@ -342,7 +348,7 @@ def _check_relations(
         problems.add(key, message if written else f"{name}: {message}")
 
 
-def _refuse_unknown(
+def refuse_unknown(
     table: Stated, group: str, given: Iterable[str], names: tuple[str, ...], word: str, problems: Problems
 ) -> None:
     """Refuse names the model does not have; inherited ones are dropped silently."""
@@ -369,8 +375,8 @@ def _noise(
     base = parameter_set.process if process else parameter_set.measurement
     stretch = step / parameter_set.noise_step if process and not model.discrete else 1.0
     given = table.group(f"noise.{kind}")
-    _refuse_unknown(table, f"noise.{kind}", given, names, "state" if process else "output", problems)
-    factor = _scale(table, kind, problems)
+    refuse_unknown(table, f"noise.{kind}", given, names, "state" if process else "output", problems)
+    factor = noise_scale(table, kind, problems)
     if factor is None:
         return {}
     own_states = set(VEHICLES.load(table["vehicle"]).STATES)
@@ -402,26 +408,26 @@ def _noise(
     return result
 
 
-def _scale(table: Stated, kind: str, problems: Problems) -> float | None:
+def noise_scale(table: Stated, kind: str, problems: Problems) -> float | None:
     """Return the factor on all variances of a kind, ``None`` if it is wrong."""
-    factor = _number(table, f"noise.{kind}_scale", "", problems, 1.0)
+    factor = number(table, f"noise.{kind}_scale", "", problems, 1.0)
     if factor is not None and factor < 0:
         problems.add(table.key(f"noise.{kind}_scale"), f"a variance cannot be negative, got {factor:g}")
         return None
     return factor
 
 
-def _input_noise(table: Stated, model: StateSpaceModel, problems: Problems) -> dict[str, float]:
+def input_noise(table: Stated, model: StateSpaceModel, problems: Problems) -> dict[str, float]:
     """Return the variances per sample of the inputs that are stated to be known with noise.
 
     A rate has none of its own: it is known as well as the signal that it belongs to.
     """
     from harness.common.units import to_si
 
-    given, factor = table.group("noise.input"), _scale(table, "input", problems)
+    given, factor = table.group("noise.input"), noise_scale(table, "input", problems)
     names = [n for n in model.inputs if n not in model.rates and n != "time"]
     readable = (*names, *(n for n in DRIVE_INPUTS if table.side == "plant" and n not in names))
-    _refuse_unknown(table, "noise.input", given, readable, "input signal", problems)
+    refuse_unknown(table, "noise.input", given, readable, "input signal", problems)
     variances: dict[str, float] = {}
     for name in (n for n in readable if n in given):
         key = table.key(f"noise.input.{name}")

@@ -126,6 +126,15 @@ class ModelTable(StrictTable):
     """``[plant]``, ``[belief]``."""
 
     vehicle: Name | None = Field(default=None, description="file in models/vehicles")
+    fmu: Name | None = Field(default=None, description="[plant] only: FMU in place of a vehicle")
+    map: Name | None = Field(default=None, description="[plant] only: TOML file that maps signals to those of the FMU")
+    python: Name | None = Field(default=None, description="[plant] only: module:Class in place of a vehicle")
+    timeout: Quantity | None = Field(
+        default=None, description="of an FMU or a Python class: longest time that a run may take (default 60 s)"
+    )
+    described: dict[str, Any] | None = Field(
+        default=None, description="what a store knows of an FMU or a Python class; written by the program"
+    )
     parameters: Name | None = Field(
         default=None, description="file in models/parameters, or path of a TOML parameter file"
     )

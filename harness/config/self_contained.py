@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from harness.common.files import parse_toml, toml_text
+from harness.config.external import external_table
 from harness.config.schema import DriveTable, ModelTable, NoiseTable, StudyFile, TuningTable, UncertainTable
 from harness.config.specs import ModelSpec, StudySpec, assembled
 
@@ -34,6 +35,9 @@ def without_files(study: StudySpec) -> StudySpec:
 
 def _table(spec: ModelSpec) -> ModelTable:
     """Return the table that states a model without a parameter set."""
+    noise = NoiseTable(process=spec.process_noise, measurement=spec.measurement_noise, input=spec.input_noise)
+    if spec.external is not None:
+        return ModelTable(**external_table(spec), noise=noise)
     states = assembled(spec.vehicle, spec.tyre, spec.effects, spec.sensors, spec.unknown_inputs).states
     stated: dict[str, Any] = {
         "vehicle": spec.vehicle,

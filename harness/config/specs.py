@@ -11,9 +11,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 from harness.common.components import remembered
+from harness.external.description import Description
+from harness.external.opaque import opaque_model
 from harness.models.assembly.assemble import StateSpaceModel, assemble
 from harness.models.assembly.parameter_states import ParameterState, with_parameters
-from harness.models.roles import VEHICLES
+from harness.models.roles import SENSORS, VEHICLES
 
 Side = Literal["plant", "belief", "both"]
 Integrator = Literal["euler", "heun", "rk4"]
@@ -34,11 +36,26 @@ Device = Literal["cpu", "cuda"]
 
 
 @dataclass(frozen=True)
+class ExternalSpec:
+    """A plant of somebody else.
+
+    Attributes:
+        description: What is known of it without its file.
+        folders: In which its file is looked for.
+        timeout: Longest time in s by the clock that a run may take.
+    """
+
+    description: Description
+    folders: tuple[Path, ...] = ()
+    timeout: float = 60.0
+
+
+@dataclass(frozen=True)
 class ModelSpec:
     """One vehicle with everything needed to run it: the truth (plant) or what an estimator believes.
 
     Attributes:
-        vehicle: File in ``models/vehicles``.
+        vehicle: File in ``models/vehicles``; empty for a plant of somebody else.
         parameters: Name of the parameter set, or path of a parameter file.
         tyre: File in ``models/tyres``; ``None`` for a vehicle without tyres.
         effects: Files in ``models/effects``, in the order they act.
@@ -52,6 +69,7 @@ class ModelSpec:
         input_noise: Variance per sample of the inputs that estimators get with noise, SI squared; others are exact.
         unknown_inputs: Inputs estimated as random walks (belief only; Ziaukas 2023, 2.32 and 2.33).
         parameter_states: Parameters that are not known for sure, estimated or considered (belief only).
+        external: The plant, where somebody else wrote it; the states of its model are its disturbances.
     """
 
     vehicle: str
@@ -68,6 +86,7 @@ class ModelSpec:
     unknown_inputs: tuple[str, ...] = ()
     input_noise: dict[str, float] = field(default_factory=dict)
     parameter_states: tuple[ParameterState, ...] = ()
+    external: ExternalSpec | None = None
 
     @property
     def estimated_parameters(self) -> tuple[str, ...]:
@@ -76,8 +95,30 @@ class ModelSpec:
 
     def model(self) -> StateSpaceModel:
         """Return the assembled model, augmented by all that is unknown; the same object on every call."""
+        if self.external is not None:
+            return self._opaque
         names = self.vehicle, self.tyre, self.effects, self.sensors
         return assembled(*names, self.unknown_inputs, self.parameter_states)
+
+    @property
+    def wheelbase(self) -> float:
+        """Wheelbase in m that limits a drive; 1 where the vehicle does not say."""
+        if self.external is not None:
+            return self.external.description.wheelbase or 1.0
+        vehicle = VEHICLES.load(self.vehicle)
+        return float(vehicle.wheelbase(self.values)) if hasattr(vehicle, "wheelbase") else 1.0
+
+    @property
+    def steering_ratio(self) -> float:
+        """Steering wheel angle over the angle of the road wheels that limits a drive; 1 where the vehicle has none."""
+        if self.external is not None:
+            return self.external.description.steering_ratio or 1.0
+        return self.values.get("steering_ratio", 1.0)
+
+    @functools.cached_property
+    def _opaque(self) -> StateSpaceModel:
+        assert self.external is not None
+        return opaque_model(self.external.description, SENSORS.load(self.sensors).OUTPUTS)
 
 
 @remembered

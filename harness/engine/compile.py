@@ -301,8 +301,10 @@ def compile_model(
         jacobians: Whether derivatives are wanted; a large model is there much sooner without those of its kernels.
 
     Raises:
-        UserError: If the integrator is unknown or the cache folder cannot be written.
+        UserError: If the integrator is unknown, the cache folder cannot be written, or the model has no equations.
     """
+    if model.opaque:
+        raise UserError(f"'{model.name}' has no equations that could be compiled; take a vehicle of the library")
     if integrator not in INTEGRATORS:
         raise UserError(f"unknown integrator '{integrator}'; there are: {', '.join(INTEGRATORS)}")
     if model.discrete:

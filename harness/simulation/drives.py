@@ -74,22 +74,17 @@ def profile_of(spec: ModelSpec, drive: DriveSpec) -> Profile:
         UserError: As ``build_drive``.
         ModelError: As ``build_drive``.
     """
-    vehicle, context = VEHICLES.load(spec.vehicle), context_of(spec, drive)
+    context = context_of(spec, drive)
     profile = build_drive(drive.kind, drive.options, context, drive.where)
-    if not hasattr(vehicle, "drive_inputs"):
+    vehicle = None if spec.external is not None else VEHICLES.load(spec.vehicle)
+    if vehicle is None or not hasattr(vehicle, "drive_inputs"):
         return profile
     return dataclasses.replace(profile, further=vehicle.drive_inputs(profile, context))
 
 
 def context_of(spec: ModelSpec, drive: DriveSpec) -> DriveContext:
     """Return what a drive is to know of the plant that drives it."""
-    vehicle = VEHICLES.load(spec.vehicle)
-    return DriveContext(
-        wheelbase=vehicle.wheelbase(spec.values) if hasattr(vehicle, "wheelbase") else 1.0,
-        steering_ratio=spec.values.get("steering_ratio", 1.0),
-        step=spec.step,
-        base=str(drive.base),
-    )
+    return DriveContext(spec.wheelbase, spec.steering_ratio, spec.step, base=str(drive.base))
 
 
 def _declares(module: Any, name: str) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -25,6 +26,7 @@ from harness.runner.contract import Batch, Filter, Held, Signals, Simulator
 from harness.runner.limits import LARGEST
 from harness.runner.scores import Scores
 from harness.simulation.drives import context_of, profile_of
+from harness.simulation.external_plant import ExternalPlant
 from harness.simulation.simulate import CompiledSimulator, first_state, in_lanes, input_table
 
 
@@ -153,7 +155,7 @@ class CompiledStudy:
         signals: What the estimators tell of: targets first, then unknown inputs and what is drawn over time.
         supplied: Inputs of the belief that come from the vehicle itself, see ``supplied_inputs``.
         drives: In the order of the study.
-        plant: The compiled plant; its signals are all that scores and estimators need of it, and its slip angles.
+        watched: Signals of the plant that scores and estimators need, and its slip angles.
         truth_names: What is known of a simulated run: the plant's signals, then its parameters as the belief has them.
         belief: The compiled model that the estimators hold for true.
         simulator: The plant.
@@ -168,6 +170,7 @@ class CompiledStudy:
     def __init__(
         self, study: StudySpec, simulator: Simulator | None = None, filters: Mapping[str, Filter] | None = None
     ) -> None:
+        self._study = study
         belief_model, plant_model = study.belief.model(), study.plant.model()
         drawn = [name for history in study.history for name in history.signals]
         unknown = (*study.belief.unknown_inputs, *study.belief.estimated_parameters)
@@ -179,12 +182,12 @@ class CompiledStudy:
         sliding = plant_model.largest_slip_angles
         watched = tuple(dict.fromkeys([*states, *exact, *(s for s in self.signals if s in published), *sliding]))
         self.drives = [self._drive(study, i) for i in range(len(study.drives))]
-        self.plant = _compile(study.plant, watched)
+        self.watched = watched
         self.belief = _compile(study.belief, self.signals)
-        self.truth_names = (*self.plant.signal_names, *truth_names(study.belief))
-        self.simulator = CompiledSimulator.of(study.plant) if simulator is None else simulator
+        self.truth_names = (*watched, *truth_names(study.belief))
+        self.simulator = simulator or plant_of(study.plant)
         needed = dict.fromkeys([*study.targets, *exact], LARGEST)
-        self.recorded = Signals(self.plant.signal_names, needed | sliding)
+        self.recorded = Signals(watched, needed | sliding)
         self.measured_rows = [list(self.simulator.ports.outputs).index(name) for name in belief_model.outputs]
         uncertain = bool(study.belief.input_noise)
         given = filters or {}
@@ -206,6 +209,11 @@ class CompiledStudy:
             input_table(profile, belief, self.supplied),
         )
         return DriveInputs(profile, *(in_lanes(table) for table in tables))
+
+    @cached_property
+    def plant(self) -> CompiledModel:
+        """The compiled plant with the signals that are watched, for kernels other than the simulator's."""
+        return _compile(self._study.plant, self.watched)
 
     def measured(self, measurements: Floats) -> Floats:
         """Return the measurements that the belief has outputs for, in their order, ``(..., samples, ny, LANES)``."""
@@ -247,6 +255,11 @@ def supplied_inputs(plant: StateSpaceModel, belief: StateSpaceModel) -> tuple[st
     published = {*plant.outputs, *plant.states, *plant.ports}
     driven = {*plant.inputs, *belief.rates, *DRIVE_INPUTS, *(set(belief.otherwise) - published), "time"}
     return tuple(name for name in belief.inputs if name not in driven)
+
+
+def plant_of(spec: ModelSpec) -> Simulator:
+    """Return the plant of a study as what runs it."""
+    return CompiledSimulator.of(spec) if spec.external is None else ExternalPlant(spec)
 
 
 def _compile(spec: ModelSpec, signals: tuple[str, ...]) -> CompiledModel:

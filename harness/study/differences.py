@@ -44,7 +44,7 @@ def _of_texts(there: Any, here: str) -> str:
     except UserError:
         return "its stored text cannot be read"
     return _listed(iter(changed)) or (
-        "the texts agree, so that a file differs that it names: drives, parameters, tuning or a recording"
+        "the texts agree, so that a file differs that it names: drives, parameters, tuning, a recording or the plant"
     )
 
 

@@ -11,13 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.common.arrays import Floats
+from harness.common.errors import UserError
 from harness.config import StudySpec
 from harness.engine.simd.lanes import LANES
 from harness.engine.standard_normal import standard_normal
 from harness.estimation.compiled_estimator import CompiledEstimator
+from harness.external.losses import Losses
 from harness.runner.contract import Batch, Filter, Held, InputSeries, Signals, Simulator
 from harness.runner.scores import Scores, Scoring, Sums
-from harness.simulation.simulate import CompiledSimulator
+from harness.simulation.external_plant import ExternalPlant
+from harness.simulation.simulate import CompiledSimulator, as_stated
 from harness.study.compiled_study import (
     CompiledStudy,
     ErrorWindows,
@@ -77,11 +80,28 @@ class StudyEvaluator:
         """Compile one kernel (0 is the simulation, then the estimators) and return its name; ``range(kernels)``."""
         short = Unit(0, 0, 0, 0, 1)
         if index == 0:
-            self.simulate(short, [Case(0, 0)], samples=3)
+            self._try_plant(short)
             return "simulation"
         batch, believed = self.simulate(short, [Case(0, 0)], samples=3), self.held(short, [Case(0, 0)], "belief")
         self.estimate(index - 1, short, [Case(0, 0)], batch, believed)
         return self.study.estimators[index - 1].name
+
+    def _try_plant(self, unit: Unit) -> None:
+        """Simulate three samples; of a plant of somebody else as it is stated: one that never works is no study.
+
+        Raises:
+            UserError: If it fails.
+        """
+        simulator, case = self.compiled.simulator, [Case(0, 0)]
+        if not isinstance(simulator, ExternalPlant):
+            self.simulate(unit, case, samples=3)
+            return
+        stated = as_stated(self.study.plant, self.compiled.drives[unit.drive].profile)
+        lost = self.simulate(unit, case, samples=3, plant=stated).left_at[0] < 3
+        sentences = simulator.losses.taken()
+        if lost:
+            why = sentences[0] if sentences else "it publishes no finite numbers within its limits"
+            raise UserError(f"{self.study.path}: the plant fails before any factor is varied: {why}")
 
     @property
     def first_scored(self) -> int:
@@ -115,6 +135,13 @@ class StudyEvaluator:
         recorded, outputs = self.compiled.recorded.names, self.compiled.simulator.ports.outputs
         numbers = len(recorded) + len(outputs) + len(self.study.plant.input_noise)
         return max(1, _SIMULATED_AT_ONCE // (8 * LANES * numbers * len(self.compiled.drives[unit.drive].plant)))
+
+    def lost(self) -> list[str]:
+        """Return in words which runs plants and estimators of somebody else lost, and why, since the last call."""
+        ran = (self.compiled.simulator, *self.compiled.estimators)
+        return [
+            s for each in ran if isinstance(losses := getattr(each, "losses", None), Losses) for s in losses.taken()
+        ]
 
     def cases(self, unit: Unit) -> Cases:
         """Return the runs of a unit."""
@@ -211,7 +238,7 @@ class StudyEvaluator:
         plant = self.held(unit, group, "plant") if plant is None else plant
         simulator, inputs = self.compiled.simulator, self.compiled.drives[unit.drive].plant[:samples]
         words = self.noise.words(unit, group) if words is None else words
-        noise = standard_normal(words, len(inputs), len(simulator.ports.states) + len(simulator.ports.outputs))
+        noise = self._drawn(words, len(inputs))
         batch = simulator.run(InputSeries(inputs), plant, noise, record or self.compiled.recorded)
         if self.study.plant.input_noise:
             assert plant.input_noise is not None
@@ -224,6 +251,19 @@ class StudyEvaluator:
         if not self.study.belief.parameter_states:
             return batch
         return self._with_parameters(batch, plant, believed or self.held(unit, group, "belief"))
+
+    def _drawn(self, words: NDArray[np.uint64], samples: int) -> Floats:
+        """Return standard normal numbers for the plant's states and outputs ``(..., samples, nx + ny, LANES)``.
+
+        Sensors of a plant of somebody else have the noise that those of the believed vehicle would have.
+        """
+        ports, plant, belief = self.compiled.simulator.ports, self.study.plant, self.study.belief
+        states, outputs = len(ports.states), len(ports.outputs)
+        if plant.external is None:
+            return standard_normal(words, samples, states + outputs)
+        drawn = max(states, len(replace(belief, unknown_inputs=(), parameter_states=()).model().states))
+        numbers = standard_normal(words, samples, drawn + outputs)
+        return np.concatenate([numbers[..., :states, :], numbers[..., drawn:, :]], axis=-2)
 
     def _with_parameters(self, batch: Batch, plant: Held, believed: Held) -> Batch:
         """Add what is true of the parameters that the belief is not sure of."""

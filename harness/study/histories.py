@@ -52,7 +52,7 @@ def _history(evaluator: StudyEvaluator, wanted: HistorySpec) -> xr.Dataset:
             dataset[f"measured_{output}"] = ("time", values, {"variance": believed.measurement_noise[i, 0]})
     stated = [e.has_covariance for e in compiled.estimators]
     dataset["std"] = dataset["std"].where(xr.DataArray(stated, dims="estimator"))
-    for i, name in enumerate(compiled.plant.model.inputs):
+    for i, name in enumerate(evaluator.study.plant.model().inputs):
         dataset[f"input_{name}"] = ("time", drive.plant[:, i, 0])
     rmse = {
         e.name: {t: float(r.rmse[i, 0]) for i, t in enumerate(study.targets)}

@@ -102,8 +102,10 @@ class Replayer:
         self._points = [points(study, d).values for d in study.designs]
 
     @cached_property
-    def planner(self) -> Planner:
-        """What says where axles and coupling of the plant stand."""
+    def planner(self) -> Planner | None:
+        """What says where axles and coupling of the plant stand; ``None`` for a plant without equations."""
+        if self.study.plant.external is not None:
+            return None
         return Planner(self.study.plant.model(), VEHICLES.load(self.study.plant.vehicle))
 
     @cached_property
@@ -195,7 +197,7 @@ class Replayer:
             {name: ("time", values, signal_attributes(name)) for name, values in columns.items()},
             coords={"time": ("time", drive.profile.time[:samples], {"units": "s"})},
         )
-        plan = self.planner.plan(held)
+        plan = None if self.planner is None else self.planner.plan(held)
         return everything, plan, None if plan is None else motion(plan, model, everything, held)
 
     def warm_up(self, estimator: int) -> None:

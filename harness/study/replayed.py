@@ -77,7 +77,7 @@ def dataset(
     for i, name in enumerate(outputs):
         about = {"units": signal_attributes(name)["units"], "variance": believed.measurement_noise[i, 0]}
         columns[f"measured_{name}"] = ("time", np.where(gone, np.nan, measured[:, i, 0]), about)
-    for i, name in enumerate(compiled.plant.model.inputs):
+    for i, name in enumerate(evaluator.study.plant.model().inputs):
         columns[f"input_{name}"] = ("time", drive.plant[:samples, i, 0], {"units": signal_attributes(name)["units"]})
     if whole:
         columns |= _innovations(evaluator, batch, gone, runs)

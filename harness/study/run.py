@@ -194,6 +194,8 @@ def _run(
         store = store or Store(study, evaluator, out)
         _evaluate(evaluator(), store, todo, total, plan, console, client, lock)
         seconds = time.perf_counter() - compiled
+        for sentence in evaluator().lost():
+            _say(console, sentence, "yellow")
         record = {
             "started": started.isoformat(timespec="seconds"),
             "jobs": workers,

@@ -81,6 +81,7 @@ class StateSpaceModel:
         considered: Those of them whose uncertainty is reckoned with and whose value is left alone.
         relative: Those of them that are logarithms.
         bodies: How each body moves, as far as the vehicle says it.
+        opaque: Whether its equations are not known, because it is a plant of somebody else.
     """
 
     name: str
@@ -105,6 +106,7 @@ class StateSpaceModel:
     considered: tuple[str, ...] = ()
     relative: tuple[str, ...] = ()
     bodies: dict[str, Body] = field(default_factory=dict)
+    opaque: bool = False
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
