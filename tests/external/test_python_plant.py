@@ -1,0 +1,196 @@
+"""A Python class of somebody else as the plant of a study."""
+
+import json
+
+import numpy as np
+import pytest
+
+from harness.common.errors import UserError
+from harness.config import build_study
+from harness.study.design import units
+from harness.study.evaluate import StudyEvaluator
+from harness.study.score_names import OK, PLANT_DIVERGED, STATUS
+from support.single_track import PLANT, STUDY
+
+
+def study(folder, source=PLANT, **changes):
+    (folder / "my_plant.py").write_text(source)
+    return build_study({**STUDY, **changes}, folder / "foreign.toml")
+
+
+def scores(study):
+    evaluator = StudyEvaluator(study)
+    evaluator.warm_up(0)
+    results = [evaluator.evaluate(unit) for design in study.designs for unit in units(study, design)]
+    said = evaluator.lost()
+    evaluator.compiled.simulator.close()
+    return {name: np.concatenate([r[name] for r in results]) for name in results[0]}, said
+
+
+@pytest.fixture
+def plain(tmp_path):
+    return study(tmp_path)
+
+
+def test_units_bounds_and_meanings_of_the_class_are_those_of_the_study(plain):
+    model, description = plain.plant.model(), plain.plant.external.description
+    parameters = {p.name: p for p in model.parameters}
+    assert plain.plant.values == {"mass": 1200.0, "yaw_inertia": 1500.0, "front_stiffness": 8e4, "rear_stiffness": 9e4}
+    assert parameters["front_stiffness"].unit == "N/rad"
+    assert parameters["yaw_inertia"].lower == 100.0
+    assert plain.plant.wheelbase == 2.6
+    assert plain.plant.process_noise == {"side_force": 1e4}
+    assert [round(p.scale, 6) for p in description.inputs] == [0.017453, 0.277778]
+    assert plain.plant.sensors == plain.belief.sensors
+    assert plain.plant.measurement_noise == {n: plain.belief.measurement_noise[n] for n in model.outputs}
+    assert plain.designs[0].factors[0].levels == (1000.0, 1600.0)
+
+
+def test_a_class_in_any_units_scores_as_it_does_in_si(tmp_path, plain):
+    """The class in deg, km/h and kN against itself in SI: units are of no consequence but for rounding."""
+    in_si = (
+        PLANT.replace('"deg"', '"rad"').replace('"km/h"', '"m/s"').replace('"deg/s"', '"rad/s"').replace('"kN"', '"N"')
+    )
+    in_si = in_si.replace("/ 3.6", "").replace("math.radians(", "(").replace("math.degrees(", "(")
+    in_si = in_si.replace('1000 * u["side_force"]', 'u["side_force"]')
+    assert in_si != PLANT
+    (tmp_path / "si").mkdir()
+    for wanted, got in zip(scores(plain)[0].items(), scores(study(tmp_path / "si", in_si))[0].items(), strict=True):
+        np.testing.assert_allclose(got[1], wanted[1], rtol=1e-9, atol=1e-12, err_msg=wanted[0])
+
+
+def test_measurement_noise_is_that_of_the_believed_vehicle(tmp_path):
+    """Runs of a plant of the library and of somebody else meet the same noise of the sensors."""
+    still = {**STUDY["drive"][0], "amplitude": "0.001 deg"}
+    foreign = study(tmp_path, drive=[still], plant={"python": "my_plant:Plant"})
+    own = build_study({**STUDY, "drive": [still], "plant": {**STUDY["belief"], "noise": {"process_scale": 0.0}}})
+    unit = units(own, own.designs[0])[0]
+    evaluators = StudyEvaluator(own), StudyEvaluator(foreign)
+    batches = [e.simulate(unit, e.cases(unit)) for e in evaluators]
+    evaluators[1].compiled.simulator.close()
+    for batch in batches:
+        assert np.abs(batch.measurements).max() > 1e-3
+    np.testing.assert_allclose(batches[0].measurements, batches[1].measurements, atol=1e-4)
+
+
+def test_process_noise_moves_the_plant_and_its_absence_does_not(tmp_path, plain):
+    evaluator = StudyEvaluator(plain)
+    calm = StudyEvaluator(study(tmp_path, plant={"python": "my_plant:Plant"}))
+    unit = units(plain, plain.designs[0])[0]
+    cases = evaluator.cases(unit)[:8]
+    moved, still = (e.simulate(unit, cases).truth[:, 0] for e in (evaluator, calm))
+    for each in (evaluator, calm):
+        each.compiled.simulator.close()
+    assert np.ptp(still, axis=1).max() == 0.0
+    assert np.ptp(moved, axis=1).max() > 1e-4
+
+
+@pytest.mark.parametrize(
+    ("fault", "reason"),
+    [
+        ("os._exit(5)", "ended with status 5"),
+        ("os.kill(os.getpid(), 11)", "SIGSEGV"),
+        ("raise ArithmeticError('too light')", "ArithmeticError: too light"),
+        ("time.sleep(30)", "within 2 s"),
+        ("out = {}", "no output 'lateral_acceleration'"),
+        ("self.r = float('nan')", ""),
+    ],
+)
+def test_a_fault_loses_its_run_and_all_others_keep_their_bits(tmp_path, plain, fault, reason):
+    source = "import os, time\n" + PLANT.replace(
+        "        return out\n", f"        if m < 1100 and self.k == 100:\n            {fault}\n        return out\n"
+    )
+    whole, _ = scores(plain)
+    broken, said = scores(study(tmp_path, source, plant={**STUDY["plant"], "timeout": "2 s"}))
+    light = np.arange(len(whole[STATUS])) == 0
+    assert (whole[STATUS] == OK).all()
+    assert (broken[STATUS][light] == PLANT_DIVERGED).all()
+    for name, values in whole.items():
+        assert broken[name][~light].tobytes() == values[~light].tobytes(), name
+    assert reason in " ".join(said)
+    assert len(said) == (1 if reason else 0)
+    if reason:
+        assert "3 runs lost" in said[0]
+
+
+@pytest.mark.parametrize(
+    ("before", "behind", "words"),
+    [
+        ('"km/h"', '"kg"', "'kg' does not fit the unit 'm/s'"),
+        ("yaw_rate", "yaw_rat", "no such signal; closest: yaw_rate"),
+        ('"1.2 t"', '"1.2 tt"', "'tt' is no unit"),
+        ("def step", "def stepp", "neither simulate"),
+        ("parameters = ", "parameter = ", "declares no parameters"),
+        ("import math", "import matth", "No module named 'matth'"),
+        ("class Plant", "class Car", "has no 'Plant'; classes there: Car"),
+        (
+            "class Plant:",
+            "class Plant:\n    def __init__(self, x): pass",
+            "missing 1 required positional argument: 'x'",
+        ),
+        ("import math", "import math, os\nos.abort()", "SIGABRT"),
+        ("1.2, 1.4\n", "1.2, 1.4\n    limits = {'speed': 3}\n", "'speed' is none of its outputs"),
+    ],
+)
+def test_a_class_that_cannot_be_understood_is_refused_in_one_line(tmp_path, before, behind, words):
+    assert before in PLANT
+    with pytest.raises(UserError) as refused:
+        study(tmp_path, PLANT.replace(before, behind))
+    assert words in str(refused.value)
+    assert "\n" not in str(refused.value)
+    assert "plant.python" in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("plant", "words"),
+    [
+        ({"python": "my_plant"}, "write 'module:Class'"),
+        ({"python": "nobodys_plant:Plant"}, "no module 'nobodys_plant'"),
+        ({"python": "my_plant:Plant", "fmu": "a.fmu"}, "a plant is one thing"),
+        ({"python": "my_plant:Plant", "vehicle": "car"}, "belongs to a vehicle of the library"),
+        ({"python": "my_plant:Plant", "map": "a.toml"}, "the map belongs to an FMU"),
+        ({"python": "my_plant:Plant", "sensors": "car_navigation"}, "does not publish"),
+        ({"python": "my_plant:Plant", "values": {"yaw_inertia": 5}}, "lies below 100"),
+        ({"python": "my_plant:Plant", "values": {"mas": 5}}, "no parameter 'mas'; closest: mass"),
+        ({"python": "my_plant:Plant", "noise": {"process": {"side": 5}}}, "no disturbance 'side'"),
+        ({"python": "my_plant:Plant", "timeout": "0 s"}, "give a positive one"),
+    ],
+)
+def test_a_plant_that_is_stated_wrongly_is_refused_with_its_key(tmp_path, plant, words):
+    with pytest.raises(UserError, match=words.replace("(", r"\(")):
+        study(tmp_path, plant=plant)
+
+
+def test_a_plant_that_always_fails_is_no_study(tmp_path):
+    broken = study(tmp_path, PLANT.replace("        return out\n", "        raise ValueError('no road')\n"))
+    with pytest.raises(UserError, match=r"fails before any factor is varied: .*ValueError: no road"):
+        StudyEvaluator(broken).warm_up(0)
+
+
+def test_a_store_says_what_the_plant_is_without_its_file(tmp_path, plain):
+    from harness.common.files import parse_toml
+    from harness.config.self_contained import self_contained
+
+    content = parse_toml(self_contained(plain), "store")
+    (tmp_path / "my_plant.py").unlink()
+    again = build_study(content, tmp_path / "foreign.toml")
+    assert again.hash == plain.hash
+    assert json.loads(json.dumps(again.plant.external.description.as_dict())) == content["plant"]["described"]
+    with pytest.raises(UserError, match=r"'my_plant:Plant' is needed, and my_plant\.py is not in"):
+        StudyEvaluator(again)
+    (tmp_path / "my_plant.py").write_text(PLANT + "# another\n")
+    with pytest.raises(UserError, match="its content is another one"):
+        StudyEvaluator(again)
+
+
+def test_a_whole_drive_at_once_is_the_same_as_step_by_step(tmp_path, plain):
+    whole = PLANT + (
+        "    def simulate(self, time, u, values):\n"
+        "        self.reset(values)\n"
+        "        rows = [self.step({n: c[k] for n, c in u.items()}, time[1] - time[0]) for k in range(len(time))]\n"
+        "        return {n: [row[n] for row in rows] for n in self.outputs}\n"
+    )
+    (tmp_path / "whole").mkdir()
+    stepped, at_once = scores(plain)[0], scores(study(tmp_path / "whole", whole))[0]
+    for name, values in stepped.items():
+        np.testing.assert_allclose(at_once[name], values, rtol=1e-12, atol=1e-14, err_msg=name)
