@@ -39,6 +39,12 @@ def is_external(table: ModelTable) -> bool:
     return table.fmu is not None or table.python is not None
 
 
+def inherited(plant: Stated) -> Stated:
+    """Return what a belief inherits from a plant of somebody else: its step."""
+    entries = {name: value for name, value in plant.entries.items() if name == "step"}
+    return Stated(plant.side, entries, {name: plant.key(name) for name in entries})
+
+
 def resolve_external(
     raw: ModelTable, table: Stated, belief: ModelSpec | None, folder: Path, problems: Problems
 ) -> ModelSpec | None:

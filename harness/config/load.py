@@ -23,7 +23,7 @@ from harness.config.entries import (
     score_after,
     whole_paths,
 )
-from harness.config.external import is_external, resolve_external
+from harness.config.external import inherited, is_external, resolve_external
 from harness.config.factors import Models, number
 from harness.config.model import resolve_model, stated
 from harness.config.problems import Problems, validated
@@ -147,7 +147,7 @@ def _resolve(raw: StudyFile, text: str, path: Path) -> StudySpec:
 
     plant_table = stated("plant", raw.plant, folder, problems)
     if is_external(raw.plant):
-        belief = resolve_model(stated("belief", raw.belief, folder, problems, plant_table.only("step")), problems)
+        belief = resolve_model(stated("belief", raw.belief, folder, problems, inherited(plant_table)), problems)
         plant = resolve_external(raw.plant, plant_table, belief, folder, problems)
     else:
         plant = resolve_model(plant_table, problems)

@@ -61,11 +61,6 @@ class Stated:
         """Return the entries ``prefix.<name>`` by name."""
         return {k.removeprefix(f"{prefix}."): v for k, v in self.entries.items() if k.startswith(f"{prefix}.")}
 
-    def only(self, name: str) -> Stated:
-        """Return a table with this entry alone."""
-        there = name in self.entries
-        return Stated(self.side, {name: self[name]} if there else {}, {name: self.key(name)} if there else {})
-
     def own(self, name: str) -> bool:
         """Whether the entry was written in this table and not inherited."""
         return self.key(name).startswith(f"{self.side}.")
