@@ -11,6 +11,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
 import weakref
 from collections import deque
@@ -55,7 +56,14 @@ class Worker:
 
     def __init__(self, loader: Mapping[str, Any], start_timeout: float = START_TIMEOUT) -> None:
         ours, theirs = socket.socketpair()
-        environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONFAULTHANDLER": ""}
+        self._folder = tempfile.TemporaryDirectory(prefix="harness-", ignore_cleanup_errors=True)
+        environment = {
+            **os.environ,
+            "TMPDIR": self._folder.name,
+            "OMP_NUM_THREADS": "1",
+            "OPENBLAS_NUM_THREADS": "1",
+            "PYTHONFAULTHANDLER": "",
+        }
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "harness.external.worker", str(theirs.fileno())],
             pass_fds=(theirs.fileno(),),
@@ -108,11 +116,12 @@ class Worker:
         return f"{how}; it last said: {last[-1][:200]}" if last else how
 
     def close(self) -> None:
-        """End the process and all that it started."""
+        """End the process and all that it started; what it kept in temporary files goes with it."""
         with contextlib.suppress(OSError):
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
         self._connection.close()
+        self._folder.cleanup()
 
 
 def _drain(stream: Any, said: deque[bytes]) -> None:

@@ -15,12 +15,12 @@ from harness.engine.codegen.printer import body, function, kernel, matrix, text,
 from harness.engine.codegen.sigma_split import sigma_split, whole
 from harness.models.assembly.assemble import symbol
 
-# Stage times are those of the classical tableaux: (weight of the previous slope, weight in the sum).
-_TABLEAUX = {
+TABLEAUX = {
     "euler": ((0.0,), (1.0,)),
     "heun": ((0.0, 1.0), (0.5, 0.5)),
     "rk4": ((0.0, 0.5, 0.5, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6)),
 }
+"""Stages of each method: fractions of the step behind its beginning, and weights of the slopes there."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def sampled(eqs: Equations, step: float, integrator: str, substeps: int, jacobia
     elif (integrator, substeps) == ("euler", 1):
         ahead, A = _euler(eqs, step)
     else:
-        behind, weight = _TABLEAUX[integrator]
+        behind, weight = TABLEAUX[integrator]
         sizes = f"H, SUBSTEPS, STAGES = {step / substeps!r}, {substeps}, {len(weight)}\n"
         sizes += f"BEHIND = np.array({list(behind)!r})\nWEIGHT = np.array({list(weight)!r})"
         staged = f"{sizes}\n\n\n{_staged_state(eqs)}"

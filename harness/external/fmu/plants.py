@@ -1,0 +1,153 @@
+"""Plant of a study that is an FMU, in its worker process."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from harness.common.arrays import Floats
+from harness.common.errors import UserError
+from harness.engine.codegen.integrators import TABLEAUX
+from harness.engine.compile import load_source
+from harness.engine.kernel_source import kernel_source
+from harness.external.bodies import Run
+from harness.external.description import Description, Port
+from harness.external.fmu import loops
+from harness.external.fmu.instance import Failed, Instance, Library, status_word
+from harness.external.fmu.model import FmuModel, read_model
+from harness.external.fmu.read import scalar_variable
+
+_CHECKED = 200
+"""Samples over which a run after a reset must be that of a new instance, bit by bit."""
+
+
+@functools.cache
+def compiled() -> ModuleType:
+    """Return the loops over time as compiled functions."""
+    return load_source("fmu", kernel_source("Loops over FMUs", [loops.co_simulate, loops.exchange, loops.observe]))
+
+
+class FmuPlant:
+    """An FMU that is run over drives (``harness.external.bodies.PlantBody``).
+
+    Args:
+        path: The FMU.
+        description: Of the plant.
+        integrator, substeps: Method, and steps per sample, of a model exchange.
+    """
+
+    def __init__(self, path: Path, description: Description, integrator: str = "euler", substeps: int = 1) -> None:
+        model = read_model(path)
+        interface = model.interface(description.facts.get("interface"))
+        self._description, self._substeps = description, substeps
+        self._tableau = tuple(np.array(row) for row in TABLEAUX[integrator])
+        self._given = _references(model, (*description.inputs, *description.disturbances))
+        self._read = _references(model, description.outputs)
+        self._inputs = description.inputs + description.disturbances
+        names = [port.variable for port in self._inputs]
+        self._by_event = any(model.variables[name].variability == "discrete" for name in names)
+        variables = [scalar_variable(model, p.variable, str(path)) for p in description.parameters]
+        self._starts = [(v.reference, v.start) for v in variables]
+        self._library = Library(model, interface)
+        self._instance = Instance(self._library)
+        self._checked = False
+
+    def simulate(self, step: float, inputs: Floats, disturbances: Floats, values: Floats) -> Run:
+        """Run over a drive; see ``harness.external.bodies.PlantBody``."""
+        given = to_variables(np.column_stack([inputs, disturbances]), self._inputs)
+        run = self._run(step, given, values)
+        if not self._checked and run.reached == len(given) and self._instance.resets:
+            self._checked = True  # an FMU may say that it resets and not do it
+            again = self._run(step, given[:_CHECKED], values)
+            self._instance.resets &= again.outputs.tobytes() == run.outputs[:_CHECKED].tobytes()
+        return run
+
+    def _run(self, step: float, given: Floats, values: Floats) -> Run:
+        library, instance, model = self._library, self._instance, self._library.model
+        outputs = np.zeros((len(given), len(self._read)))
+        parameters, at_start = {}, {}
+        for p, value, (reference, start) in zip(self._description.parameters, values, self._starts, strict=True):
+            if value == p.value:
+                at_start[reference] = start
+            else:
+                parameters[reference] = (value - p.offset) / p.scale
+        try:
+            instance.begin(parameters, at_start, self._given.tolist(), given[0])
+        except Failed as error:
+            return Run(outputs, 0, str(error))
+        ends = model.version, library.addresses, instance.address
+        if library.interface == "co-simulation":
+            reached, why, status = compiled().co_simulate(*ends, step, given, self._given, self._read, outputs)
+        else:
+            reached, why, status = compiled().exchange(
+                *ends, (step, self._substeps, self._by_event), self._tableau, given, self._given, self._read, outputs,
+                (model.derivatives, model.indicators),
+            )  # fmt: skip
+        names = [port.variable for port in self._description.outputs]
+        reason = reason_of(
+            library, instance, why, status, names, outputs[min(reached, len(outputs) - 1)], reached * step
+        )
+        return Run(_to_signals(outputs, self._description.outputs), int(reached), reason)
+
+
+def reason_of(
+    library: Library, instance: Instance, why: int, status: int, names: list[str], row: Floats, time: float
+) -> str:
+    """Return why a run ended at a time, in words; empty where it is whole.
+
+    ``why`` is an index in ``harness.external.fmu.loops.WHY``, ``status`` what the FMU returned last, ``row`` the last
+    values of the variables that are read, by ``names``. An instance that has failed is not used again.
+    """
+    if why == loops.WHOLE:
+        return ""
+    if status == 3:
+        instance.free()
+    elif status > 3:
+        instance.discard()
+    if why == loops.NO_NUMBER:
+        name, value = next((n, v) for n, v in zip(names, row, strict=True) if not math.isfinite(v))
+        return library.words(f"'{name}' is {value} at t = {time:g} s")
+    if why in (loops.TERMINATED, loops.ENDLESS, loops.EARLY):
+        return library.words(f"{loops.WHY[why]} at t = {time:g} s")
+    return library.words(f"{loops.WHY[why]} returned {status_word(status)} at t = {time:g} s")
+
+
+def _references(model: FmuModel, ports: tuple[Port, ...]) -> np.ndarray[Any, np.dtype[np.uint32]]:
+    references = [scalar_variable(model, port.variable, str(model.path)).reference for port in ports]
+    return np.array(references, dtype=np.uint32)
+
+
+def to_variables(signals: Floats, ports: tuple[Port, ...]) -> Floats:
+    """Return signals in SI ``(samples, n)`` as values of variables."""
+    values = signals.copy()
+    for i, port in enumerate(ports):
+        if (port.scale, port.offset) != (1.0, 0.0):
+            values[:, i] = (values[:, i] - port.offset) / port.scale
+    return np.ascontiguousarray(values)
+
+
+def _to_signals(values: Floats, ports: tuple[Port, ...]) -> Floats:
+    for i, port in enumerate(ports):
+        if (port.scale, port.offset) != (1.0, 0.0):
+            values[:, i] = port.scale * values[:, i] + port.offset
+    return values
+
+
+def load(loader: Mapping[str, Any]) -> FmuPlant:
+    """Return the plant that a loader makes.
+
+    Raises:
+        UserError: If the FMU cannot be loaded.
+    """
+    integrator = loader.get("integrator", "euler")
+    if integrator not in TABLEAUX:
+        raise UserError(f"unknown integrator '{integrator}'; there are: {', '.join(TABLEAUX)}")
+    return FmuPlant(
+        Path(loader["file"]), Description.of(loader["description"]), integrator, int(loader.get("substeps", 1))
+    )
