@@ -23,6 +23,9 @@ RESULTS = {
 _FOLDERS = {*RESULTS, "check", "observability"}
 """Commands whose ``--out`` is a folder."""
 
+_FILES = {"tune"}
+"""Commands that write a file after long work; others that write one look at its folder themselves."""
+
 _STORES = ("zarr.json", ".zgroup", ".zarray")
 """What tells a store of Zarr, of version 3 and 2."""
 
@@ -34,15 +37,18 @@ def refuse_unfit(command: str, out: Path) -> None:
     """Refuse an output folder that cannot be one, or in which another command has left its result.
 
     Args:
-        command: Name of the command; of one that writes no folder nothing is looked at.
+        command: Name of the command; of one that writes neither a folder nor a file at its end nothing is looked at.
         out: What it writes.
 
     Raises:
         UserError: If it is a file, a store, cannot be written to, or holds a result whose report would be written over.
     """
-    if command not in _FOLDERS or is_url(out):
+    if command not in _FOLDERS | _FILES or is_url(out):
         return
-    there = next(p for p in (out, *out.absolute().parents) if p.exists())
+    out = out.parent if command in _FILES else out
+    there = next(p for p in (out, *out.absolute().parents) if os.path.lexists(p))
+    if not there.exists():
+        raise UserError(f"{there} is a link that leads nowhere; make the folder it leads to, or choose another name")
     if not there.is_dir():
         raise UserError(f"{there} is a file, where --out names a folder; choose another name")
     if not os.access(there, os.W_OK | os.X_OK):

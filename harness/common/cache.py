@@ -12,6 +12,7 @@ import io
 import json
 import os
 import stat
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, TypeVar
@@ -86,12 +87,24 @@ def _refuse_others(folder: str, name: str) -> None:
                 "a folder of your own (docs/cluster.md)"
             )
         if status.st_mode & 0o022:
+            _refuse_no_place(folder, name)
             raise UserError(
                 f"{path}: others may write to it, and what the cache of compiled kernels holds is run; if nobody has, "
                 f"close it: 'chmod 700 {folder}', or set {name} to a folder of your own (docs/cluster.md)"
             )
         if path == folder and not status.st_mode & 0o077:
             return
+
+
+def _refuse_no_place(folder: str, name: str) -> None:
+    """Refuse a folder that takes no file, such as those of ``/proc``, where closing it would not help."""
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError:
+        raise UserError(
+            f"{folder}: is no place to write in; set {name} to a folder of your own (docs/cluster.md)"
+        ) from None
 
 
 def kept(kind: str, key: str, make: Callable[[], _Value], codec: Codec[_Value]) -> _Value:

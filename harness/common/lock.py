@@ -77,6 +77,8 @@ def locked(folder: Path, work: str, say: Callable[[str], None] = lambda _: None)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         file, has_locks = _opened(folder)
+    except IsADirectoryError:
+        raise UserError(f"{folder / FILE}: is a folder, where a file shows who writes here; remove it") from None
     except OSError as error:
         raise UserError(f"cannot create the result folder {folder}: {error.strerror or error}") from error
     try:

@@ -46,11 +46,16 @@ _GROUPED_CELL = re.compile(rf"[+-]?(?:\d{{1,3}}(?:[{_MARKS}\s]\d{{3}})+(?:[.,]\d
 
 @functools.cache
 def registry() -> pint.UnitRegistry:
-    """Return the project's one unit registry (quantities of two registries do not mix)."""
+    """Return the project's one unit registry (quantities of two registries do not mix).
+
+    Raises:
+        UserError: If the cache is refused.
+    """
     import pint
 
+    folder = cache_folder() / "units"
     try:  # reading pint's definitions takes ten times as long as what it keeps of them
-        return pint.UnitRegistry(autoconvert_offset_to_baseunit=True, cache_folder=cache_folder() / "units")
+        return pint.UnitRegistry(autoconvert_offset_to_baseunit=True, cache_folder=folder)
     except Exception:  # whatever reading damaged pickles raises, or writing where nothing may be written
         return pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
 

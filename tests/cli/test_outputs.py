@@ -136,6 +136,31 @@ def test_a_file_in_place_of_a_folder_is_refused_before_anything_is_computed(tmp_
     assert (tmp_path / "a.csv").read_text() == "kept"
 
 
+LONG = {  # commands that write a folder or file at the end of long work
+    "run": ["kalman-lecture"],
+    "estimate": ["-m", "car", "-e", "ekf", "-d", "none.csv"],
+    "identify": ["-m", "car", "--train", "none.csv", "-f", "mass"],
+    "trace": ["-m", "car", "--train", "none.csv", "--test", "nor-this.csv"],
+    "tune": ["-m", "car", "--data", "none.csv"],
+    "check": ["none.csv"],
+    "remedy": ["none"],
+    "realtime": ["kalman-lecture"],
+    "observability": ["car"],
+    "campaign": [],
+}
+
+
+@pytest.mark.parametrize("command", LONG)
+@pytest.mark.parametrize("within", ["", "deeper"])
+def test_a_link_that_leads_nowhere_is_refused_before_anything_is_computed(tmp_path, command, within):
+    (tmp_path / "link").symlink_to(tmp_path / "nowhere")
+    out = tmp_path / "link" / within / ("tuned.toml" if command == "tune" else "")
+    status, said = harness(command, *LONG[command], "--out", out)
+    assert status == 2
+    assert f"{tmp_path / 'link'} is a link that leads nowhere" in said
+    assert [path.name for path in tmp_path.iterdir()] == ["link"]
+
+
 def test_a_folder_that_may_not_be_written_to_is_refused_before_anything_is_computed(tmp_path, monkeypatch):
     monkeypatch.setattr("harness.cli.outputs.os.access", lambda *_: False)
     status, said = harness("check", "none.csv", "--out", tmp_path / "new" / "deeper")

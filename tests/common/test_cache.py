@@ -97,13 +97,26 @@ class TestOthers:
         with pytest.raises(UserError, match=f"^{os.devnull}: is no folder; set HARNESS_CACHE"):
             cache.cache_folder()
 
-    def test_a_refused_cache_is_not_said_of_a_quantity(self, filled):
+    @pytest.mark.parametrize("at", ["/proc/self", "a file"])
+    def test_nobody_is_told_to_close_what_takes_no_file(self, at, tmp_path, monkeypatch):
+        if at == "a file":
+            (tmp_path / at).touch()
+            (tmp_path / at).chmod(0o666)
+            at = str(tmp_path / at)
+        elif not os.path.isdir(at):
+            pytest.skip(f"no {at} here")
+        monkeypatch.setenv("HARNESS_CACHE", at)
+        with pytest.raises(UserError, match=f"^{at}: is no place to write in; set HARNESS_CACHE"):
+            cache.cache_folder()
+
+    @pytest.mark.parametrize("read", [units.registry, lambda: units.to_si("9.25 km/h", "m/s", "speed")])
+    def test_a_refused_cache_is_not_said_of_a_quantity_nor_passed_over(self, filled, read):
         filled.chmod(0o777)
         kept_in_memory = (units.registry, units._everyday, units._ends)
         for memory in kept_in_memory:
             memory.cache_clear()
         with pytest.raises(UserError, match=f"^{filled}: others may write to it"):
-            units.to_si("9.25 km/h", "m/s", "speed")
+            read()
         for memory in kept_in_memory:
             memory.cache_clear()
 

@@ -97,6 +97,16 @@ def test_a_file_system_without_locks_keeps_nobody_out(tmp_path, monkeypatch):
         assert not held.is_kept
 
 
+def test_a_folder_in_place_of_the_lock_is_named(tmp_path):
+    (tmp_path / FILE).mkdir()
+    with pytest.raises(UserError, match=f"{tmp_path / FILE}: is a folder, .* remove it$"), locked(tmp_path, "a"):
+        pass
+    assert holder(tmp_path) is None
+    (tmp_path / FILE).rmdir()  # as the message says
+    with locked(tmp_path, "a"):
+        pass
+
+
 def test_a_folder_that_cannot_be_made(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(UserError, match="cannot create the result folder"), locked(tmp_path / "file" / "deeper", "a"):
