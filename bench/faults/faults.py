@@ -60,13 +60,14 @@ def killed(job: Job, reference: Path, random: random.Random) -> str:
 
 
 def interrupted(job: Job, reference: Path, random: random.Random) -> str:
-    """Press Ctrl-C."""
+    """Press Ctrl-C; nothing half finished stays, and no lock."""
     process = job.start()
     when = _wait(job, reference, process, random)
     process.send_signal(signal.SIGINT)
     said = process.communicate()[1]
-    if process.returncode not in (0, 130, -signal.SIGINT):
-        raise Unexpected(f"Ctrl-C ended with {process.returncode}: {said[-300:]}")
+    halves = [p.name for p in job.out.rglob("*") if p.suffix in (".part", ".partial", ".new", ".lock")]
+    if process.returncode not in (0, 130, -signal.SIGINT) or "Traceback" in said or halves:
+        raise Unexpected(f"Ctrl-C ended with {process.returncode}, {halves}: {said[-300:]}")
     return f"interrupted {when}"
 
 
@@ -244,11 +245,11 @@ PLAN: dict[str, dict[Fault, int]] = {
         killed: 8, interrupted: 2, suspended: 2, disk_full: 4, clock_jumps: 2, two_runners: 2, truncated: 4,
         flipped: 4, deleted: 4, array_deleted: 3, linked: 6, other_format: 2, worker_killed: 2, scheduler_killed: 2,
     },
-    "campaign": {killed: 2, disk_full: 1},
-    "identify": {killed: 2, disk_full: 1, suspended: 1},
-    "tune": {killed: 2, disk_full: 1},
-    "trace": {killed: 10, clock_jumps: 1, disk_full: 1},
-    "remedy": {killed: 10, clock_jumps: 1, disk_full: 1},
+    "campaign": {killed: 2, interrupted: 1, disk_full: 1},
+    "identify": {killed: 2, interrupted: 1, disk_full: 1, suspended: 1},
+    "tune": {killed: 2, interrupted: 1, disk_full: 1},
+    "trace": {killed: 10, interrupted: 1, clock_jumps: 1, disk_full: 1},
+    "remedy": {killed: 10, interrupted: 1, clock_jumps: 1, disk_full: 1},
 }  # fmt: skip
 """How often each job is struck by what."""
 

@@ -7,6 +7,7 @@ concerns.
 
 from __future__ import annotations
 
+import _thread
 import errno
 import logging
 import os
@@ -289,7 +290,7 @@ class Warned(logging.Handler):
         warnings.showwarning = self._take  # type: ignore[assignment]
         logging.getLogger().addHandler(self)
         self._unraisable = sys.unraisablehook
-        sys.unraisablehook = lambda _: None  # what fails while a library cleans up after a damaged file
+        sys.unraisablehook = _unraisable
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -317,6 +318,14 @@ class Warned(logging.Handler):
     def sentences(self) -> list[str]:
         """Return what was collected, in the order of first appearance."""
         return list(self._said)
+
+
+def _unraisable(ignored: Any) -> None:
+    """Drop what fails while a library cleans up after a damaged file; Ctrl-C at such a moment comes once more."""
+    if issubclass(ignored.exc_type, KeyboardInterrupt):
+        again = threading.Timer(0.05, _thread.interrupt_main)  # at once it would be dropped again
+        again.daemon = True
+        again.start()
 
 
 def _one_line(message: object) -> str:

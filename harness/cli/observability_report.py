@@ -78,8 +78,8 @@ def report(spec: ModelSpec, unknown_inputs: Sequence[str], out: Path, profile: P
     dataset = structural_observability(model, spec.values, drive)
     try:
         out.mkdir(parents=True, exist_ok=True)
-        with places.unfinished(out / "observability.svg") as stream:
-            plot(dataset).savefig(stream, format="svg")
+        with places.unfinished(out / "observability.svg") as stream, drawing():  # of fixed ids
+            plot(dataset).savefig(stream, format="svg", metadata={"Date": None})
     except OSError as error:
         raise UserError(f"cannot write the figure to {out}: {error.strerror}; choose another folder") from error
     _print(dataset, out / "observability.svg")

@@ -243,7 +243,12 @@ def whole(folder: Path, last: Sequence[str]) -> Iterator[Path]:
     if not is_url(folder):
         filled = folder.with_name(folder.name + ".new")
         remove(filled)
-        yield filled
+        try:
+            yield filled
+        except BaseException:
+            with contextlib.suppress(OSError):
+                remove(filled)
+            raise
         remove(folder)
         filled.rename(folder)
         return

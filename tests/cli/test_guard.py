@@ -10,6 +10,7 @@ import shlex
 import signal
 import subprocess
 import sys
+import time
 import warnings
 
 import numpy as np
@@ -241,6 +242,39 @@ def test_an_interrupt_that_a_library_answers_with_an_error_of_its_own_is_an_inte
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+@pytest.mark.usefixtures("in_the_foreground")
+def test_an_interrupt_that_the_interpreter_drops_comes_once_more(tmp_path, capsys):
+    """Python prints what is raised in a finaliser, and goes on."""
+
+    class Last:
+        def __del__(self):
+            signal.raise_signal(signal.SIGINT)
+
+    begun = []
+
+    def run():
+        last = Last()
+        del last
+        for _ in range(200):
+            time.sleep(0.05)
+        begun.append("what comes after")
+
+    assert guard.guarded(run, tmp_path) == 130
+    assert capsys.readouterr().err.startswith("interrupted: ")
+    assert begun == []
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no signal ends a process there")
+def test_an_interrupt_after_the_end_of_a_command_is_no_traceback():
+    at_exit = "import atexit, os, signal, sys; atexit.register(lambda: os.kill(os.getpid(), signal.SIGINT))"
+    code = f"{at_exit}; sys.argv = ['harness', '--version']; from harness.__main__ import main; main()"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == -signal.SIGINT  # of which a shell makes 130
+    assert done.stdout.startswith("harness ")
+    assert done.stderr == ""
+
+
+@pytest.mark.usefixtures("in_the_foreground")
 def test_an_interrupt_while_the_command_line_is_imported_is_no_traceback(monkeypatch):
     monkeypatch.setitem(sys.modules, "harness.cli.main", None)
     with pytest.raises(ModuleNotFoundError):

@@ -30,6 +30,10 @@ def test_report_writes_the_figure_and_prints_the_delay(tmp_path, capsys):
     found = report(spec, ["steering_wheel_angle"], tmp_path / "new")
     assert (tmp_path / "new" / "observability.svg").read_text().lstrip().startswith("<?xml")
     printed_text = capsys.readouterr().out
+    report(spec, ["steering_wheel_angle"], tmp_path / "again")
+    assert (tmp_path / "again" / "observability.svg").read_bytes() == (
+        tmp_path / "new" / "observability.svg"
+    ).read_bytes()
     assert f"{delays(found)['rank']:.2f} s" in printed_text
     assert "articulation_angle" in printed_text
 

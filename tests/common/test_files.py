@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from harness.common import places
 from harness.common.errors import UserError
 from harness.common.files import parse_toml, read_toml, refuse_url, renewed, toml_text, write_files
 from harness.recordings.read.write import check_target
@@ -160,3 +161,20 @@ def test_the_file_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "report.pdf").mkdir()
     with pytest.raises(UserError, match=r"report\.pdf: cannot be written"):
         write_files(tmp_path, {"report.html": "ours", "report.pdf": "ours"})
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, OSError, ValueError])
+def test_of_a_folder_that_is_not_filled_to_its_end_nothing_is_kept(tmp_path, error):
+    with places.whole(tmp_path / "store", []) as filled:
+        filled.mkdir()
+        (filled / "old").touch()
+
+    def begun():
+        with places.whole(tmp_path / "store", []) as filled:
+            filled.mkdir()
+            (filled / "new").touch()
+            raise error
+
+    with pytest.raises(error):
+        begun()
+    assert [path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*")] == ["store", "store/old"]
