@@ -47,8 +47,8 @@ class FmuPlant:
         interface = model.interface(description.facts.get("interface"))
         self._description, self._substeps = description, substeps
         self._tableau = tuple(np.array(row) for row in TABLEAUX[integrator])
-        self._given = _references(model, (*description.inputs, *description.disturbances))
-        self._read = _references(model, description.outputs)
+        self._given = references(model, (*description.inputs, *description.disturbances))
+        self._read = references(model, description.outputs)
         self._inputs = description.inputs + description.disturbances
         names = [port.variable for port in self._inputs]
         self._by_event = any(model.variables[name].variability == "discrete" for name in names)
@@ -93,7 +93,7 @@ class FmuPlant:
         reason = reason_of(
             library, instance, why, status, names, outputs[min(reached, len(outputs) - 1)], reached * step
         )
-        return Run(_to_signals(outputs, self._description.outputs), int(reached), reason)
+        return Run(to_signals(outputs, self._description.outputs), int(reached), reason)
 
 
 def reason_of(
@@ -118,9 +118,10 @@ def reason_of(
     return library.words(f"{loops.WHY[why]} returned {status_word(status)} at t = {time:g} s")
 
 
-def _references(model: FmuModel, ports: tuple[Port, ...]) -> np.ndarray[Any, np.dtype[np.uint32]]:
-    references = [scalar_variable(model, port.variable, str(model.path)).reference for port in ports]
-    return np.array(references, dtype=np.uint32)
+def references(model: FmuModel, ports: tuple[Port, ...]) -> np.ndarray[Any, np.dtype[np.uint32]]:
+    """Return the value references of the variables of ports."""
+    numbers = [scalar_variable(model, port.variable, str(model.path)).reference for port in ports]
+    return np.array(numbers, dtype=np.uint32)
 
 
 def to_variables(signals: Floats, ports: tuple[Port, ...]) -> Floats:
@@ -132,7 +133,8 @@ def to_variables(signals: Floats, ports: tuple[Port, ...]) -> Floats:
     return np.ascontiguousarray(values)
 
 
-def _to_signals(values: Floats, ports: tuple[Port, ...]) -> Floats:
+def to_signals(values: Floats, ports: tuple[Port, ...]) -> Floats:
+    """Return values of variables ``(samples, n)`` as signals in SI, written over them."""
     for i, port in enumerate(ports):
         if (port.scale, port.offset) != (1.0, 0.0):
             values[:, i] = port.scale * values[:, i] + port.offset

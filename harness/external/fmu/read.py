@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,10 @@ from harness.external.fmu.units import Conversion, of_parameter, of_variable, st
 from harness.models.signals import SIGNALS
 
 TABLES = ("inputs", "outputs", "process_noise", "parameters", "limits", "vehicle")
-"""Tables of a map."""
+"""Tables of the map of a plant."""
+
+OBSERVER_TABLES = ("inputs", "measurements", "estimates", "variances", "valid", "nis")
+"""Tables of the map of an observer."""
 
 _PORT_KEYS = ("variable", "unit", "scale", "offset")
 _PARAMETER_KEYS = ("variable", "unit", "lower", "upper")
@@ -45,7 +48,7 @@ def describe(
     model = read_model(path)
     used = model.interface(interface)
     model.library(used)
-    if content is None:
+    if not content:
         content, where = named_alike(model), str(path)
         if not content["outputs"]:
             raise UserError(
@@ -83,6 +86,55 @@ def describe(
         ),
         facts=facts(model, used),
     )
+
+
+def observer(
+    path: Path,
+    content: Mapping[str, Any] | None,
+    names: Mapping[str, Sequence[str]],
+    where: str = "map",
+) -> dict[str, Any]:
+    """Return the loader of an estimator that is an FMU (``harness.external.fmu.estimators``).
+
+    Args:
+        path: The FMU.
+        content: Its map: tables as for a plant, ``inputs``, ``measurements``, ``estimates`` and, where the FMU gives
+            them, ``variances`` of estimates; ``valid`` by measurement, and ``nis``. What it lacks are variables that
+            are called as the signals.
+        names: Signals that it is given, ``inputs`` and ``measurements``, and gives, ``estimates``.
+        where: The map's file, named in errors.
+
+    Raises:
+        UserError: If the FMU or its map does not do.
+    """
+    content, where = content or {}, where if content else str(path)
+    model = read_model(path)
+    model.library(model.interface("co-simulation"))
+    _refuse_unknown(content, OBSERVER_TABLES, where, "table")
+    ports, described = _Ports(model, where), {}
+    for name, causalities in (("inputs", ("input",)), ("measurements", ("input",)), ("estimates", ("output", "local"))):
+        stated_ = _table(content, name, where)
+        _refuse_unknown(stated_, tuple(names[name]), f"{where}: {name}", "signal")
+        described[name] = ports.of(name, {n: stated_.get(n, n) for n in names[name]}, causalities)
+    _refuse_twice((*described["inputs"], *described["measurements"]), where)
+    spread = _table(content, "variances", where)
+    _refuse_unknown(spread, tuple(names["estimates"]), f"{where}: variances", "estimate")
+    if spread and len(spread) < len(described["estimates"]):
+        raise UserError(f"{where}: variances: state them of all estimates, or of none")
+    variances = [
+        Port(p.signal, scalar_variable(model, spread[p.signal], f"{where}: variances.{p.signal}").name, "", p.scale**2)
+        for p in described["estimates"]
+        if spread
+    ]
+    nis = content.get("nis")
+    return {
+        "kind": "estimator-fmu",
+        "file": str(path.absolute()),
+        **{name: [asdict(port) for port in each] for name, each in described.items()},
+        "variances": [asdict(port) for port in variances],
+        "nis": None if nis is None else scalar_variable(model, nis, f"{where}: nis").name,
+        "valid": dict(_table(content, "valid", where)),
+    }
 
 
 def facts(model: FmuModel, interface: str) -> dict[str, str]:
