@@ -65,7 +65,8 @@ def estimate(
     given = named_apart(recordings_of(recordings, "recordings"))
     believed = believed_on(model, given, signals, references, inputs, jobs)
     compiled = [e.on(believed, name) for name, e in named.items()]
-    return Estimates(believed, given, _run(believed, compiled, given, seed, jobs))
+    runs = _run(believed, compiled, given, seed, jobs)
+    return Estimates(believed, given, runs, [sentence for e in compiled for sentence in e.lost()])
 
 
 def _named(given: Any) -> dict[str, Estimator]:
@@ -129,12 +130,18 @@ def _run(
 class Estimates(Shown):
     """What estimators say of recordings; made by ``harness.estimate``."""
 
-    def __init__(self, model: RecordedModel, recordings: Sequence[xr.Dataset], runs: Sequence[xr.Dataset]) -> None:
+    def __init__(
+        self,
+        model: RecordedModel,
+        recordings: Sequence[xr.Dataset],
+        runs: Sequence[xr.Dataset],
+        lost: Sequence[str] = (),
+    ) -> None:
         from harness.recorded.report import Estimated
         from harness.recorded.summary import summary
         from harness.recordings.check.examine import recording_warnings
 
-        said = recording_warnings(recordings)
+        said = [*recording_warnings(recordings), *lost]
         self._estimated: Estimated = Estimated(model.spec.vehicle, runs, [summary(r) for r in runs], said)
 
     @property

@@ -17,6 +17,8 @@ from harness.common.errors import UserError
 from harness.common.files import write_files
 from harness.common.places import refuse_links
 
+Form = Literal["kernels", "observer", "python", "library"]
+
 Kind = Literal["project", "vehicle", "effect", "estimator", "tyre", "study", "channels", "parameters"]
 
 WRITES: dict[str, dict[str, str]] = {
@@ -33,10 +35,13 @@ WRITES: dict[str, dict[str, str]] = {
     },
     "effect": {"effects/{name}.py": "effect.py", "tests/test_{name}.py": "effect_test.py"},
     "estimator": {"estimators/{name}.py": "estimator.py", "tests/test_{name}.py": "estimator_test.py"},
+    "estimator observer": {"estimators/{name}.py": "observer_kernels.py", "tests/test_{name}.py": "estimator_test.py"},
+    "estimator python": {"studies/{name}.py": "observer.py"},
+    "estimator library": {"studies/{name}.c": "observer.c"},
     "tyre": {"tyres/{name}.py": "tyre.py", "tests/test_{name}.py": "tyre_test.py"},
     "study": {"studies/{name}.toml": "study.toml"},
 }
-"""Files by kind, each with the template that it is made from."""
+"""Files by kind, behind it the form of an estimator, each with the template that it is made from."""
 
 ROLES = {"vehicle": "vehicles", "effect": "effects", "estimator": "estimators", "tyre": "tyres"}
 
@@ -45,6 +50,10 @@ NEXT = {
     "vehicle": "pytest tests/test_{name}.py; harness simulate {name} --drive sine --out sine.csv",
     "effect": 'pytest tests/test_{name}.py; in a study: plant = {{ ..., effects = ["{name}"] }}',
     "estimator": 'pytest tests/test_{name}.py; in a study: [[estimator]] kind = "{name}"',
+    "estimator observer": 'pytest tests/test_{name}.py; in a study: [[estimator]] kind = "{name}"',
+    "estimator python": 'in a study of a car: [[estimator]] kind = "external", python = "{name}:Observer"',
+    "estimator library": "in studies: cc -O2 -shared -fPIC {name}.c -o lib{name}.so -lm; what a study states is in "
+    "its first lines",
     "tyre": 'pytest tests/test_{name}.py; in a study: plant = {{ ..., tyre = "{name}" }}',
     "study": "harness run {name}",
     "channels": "look at every entry, then: harness check {given} --channels {name}",
@@ -63,6 +72,14 @@ def new(
     model: Annotated[str | None, typer.Option("--model", "-m", help="For parameters: the vehicle they are of.")] = None,
     parameters: ParametersOption = None,
     tyre: TyreOption = None,
+    form: Annotated[
+        Form,
+        typer.Option(
+            "--kind",
+            help="Of an estimator: a filter or, without covariance, an observer as kernels; a class in Python or a "
+            "library in C beside the studies, which runs in processes of its own.",
+        ),
+    ] = "kernels",
 ) -> None:
     """Write a commented file to start from, which works as it is.
 
@@ -71,8 +88,11 @@ def new(
     vehicle that there is already.
     """
     console = Console()
+    entry = kind if form == "kernels" else f"{kind} {form}"
     if out is not None and kind != "channels":
         raise UserError("--out is for channels; other files have their place in the project folder")
+    if form != "kernels" and kind != "estimator":
+        raise UserError("--kind is for estimators")
     if kind != "parameters" and (model or parameters or tyre):
         raise UserError("--model, --parameters and --tyre are for parameters")
     if kind == "channels":
@@ -81,18 +101,19 @@ def new(
         called, written = _parameters(name, ModelOptions(model or "", parameters, tyre))
     else:
         called = name
-        written = write_new(kind, name)
+        written = write_new(entry, name)
     for path in written:
         console.print(Text(locations.shown(path)), soft_wrap=True)
-    console.print(Text(f"next: {NEXT[kind].format(name=called, given=name)}"), style="bold", soft_wrap=True)
+    console.print(Text(f"next: {NEXT[entry].format(name=called, given=name)}"), style="bold", soft_wrap=True)
 
 
-def write_new(kind: str, name: str) -> list[Path]:
-    """Write the files of a kind; return their paths.
+def write_new(entry: str, name: str) -> list[Path]:
+    """Write the files of an entry of ``WRITES``; return their paths.
 
     Raises:
         UserError: If the name does not do or is taken, there is no project, or a file is there already.
     """
+    kind, _, form = entry.partition(" ")
     if kind == "project":
         root = Path(name)
         called = root.resolve().name
@@ -101,7 +122,7 @@ def write_new(kind: str, name: str) -> list[Path]:
     else:
         root, called = _project(kind), name
         _refuse_name(kind, name)
-    texts = {path.format(name=called): _filled(template, called) for path, template in WRITES[kind].items()}
+    texts = {path.format(name=called): _filled(template, called) for path, template in WRITES[entry].items()}
     if kind == "project":
         texts["studies/first.toml"] = _filled("study.toml", "first")
     refuse_links(root, texts)
@@ -111,6 +132,9 @@ def write_new(kind: str, name: str) -> list[Path]:
             f"{locations.shown(there[0])}: is there already, and nothing is written over; choose another name"
         )
     written = []
+    if form == "library":
+        header = resources.files("harness.external").joinpath("estimators", "harness_estimator.h")
+        texts[f"studies/{header.name}"] = header.read_text(encoding="utf-8")  # the same for all
     for path, text in texts.items():
         written += write_files((root / path).parent, {Path(path).name: text})
     return written

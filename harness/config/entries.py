@@ -16,6 +16,7 @@ from harness.config.problems import Problems, validated
 from harness.config.roles import ESTIMATORS
 from harness.config.schema import DrivesFile, DriveTable, EstimatorTable, OpenTable, StudyFile
 from harness.config.specs import DesignSpec, DriveSpec, EstimatorSpec, OverTimeSpec
+from harness.external.references import located
 from harness.models.drive_options import options_of
 from harness.models.signals import SIGNALS
 
@@ -102,12 +103,29 @@ def _check_options(table: DriveTable, options: list[str], required: list[str], k
 
 def _base(options: dict[str, Any], candidates: tuple[Path, ...]) -> Path:
     """Return the first folder in which a file named by an option exists (the first folder if none does)."""
-    return next((c for c in candidates if any(names_file(c, v) for v in options.values())), candidates[0])
+    return next((c for c in candidates if named_files(options, c)), candidates[0])
 
 
 def whole_paths(options: dict[str, Any], base: Path) -> dict[str, Any]:
     """Return options whose files are found from any folder."""
     return {k: str((base / v).resolve()) if names_file(base, v) else v for k, v in options.items()}
+
+
+def named_files(options: Any, folder: Path, name: str = "") -> dict[str, Path]:
+    """Return the files that options, at any depth, name by themselves or as the module of ``module:Name``, by key."""
+    if isinstance(options, Mapping | list):
+        entries = options.items() if isinstance(options, Mapping) else enumerate(options)
+        nested = [named_files(v, folder, f"{name}.{k}" if name else str(k)) for k, v in entries]
+        return {key: path for each in nested for key, path in each.items()}
+    if names_file(folder, options):
+        return {name: folder / options}
+    if not isinstance(options, str) or ":" not in options:
+        return {}
+    try:
+        path, _ = located(options, [folder])
+    except UserError:  # other text with a colon
+        return {}
+    return {} if path is None else {name: path}
 
 
 def names_file(folder: Path, value: Any) -> bool:

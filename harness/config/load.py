@@ -17,7 +17,7 @@ from harness.config.entries import (
     drives_of,
     estimator_specs,
     limits,
-    names_file,
+    named_files,
     over_time,
     refuse_twice,
     score_after,
@@ -396,8 +396,4 @@ def _hash(study: StudySpec) -> str:
 
 def _file_digests(options: dict[str, Any], base: Path) -> dict[str, str]:
     """Return the digest of every file an option or setting names: another recording is another study."""
-    return {
-        name: hashlib.sha256((base / value).read_bytes()).hexdigest()
-        for name, value in options.items()
-        if names_file(base, value)
-    }
+    return {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in named_files(options, base).items()}

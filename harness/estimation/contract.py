@@ -29,6 +29,11 @@ and of one whose memory begins with other than zeros, such as random numbers,
                                 in place of ``memory_size``: the memory before the first step, ``(rows, LANES)``;
                                 ``seeds`` holds a ``numpy.random.SeedSequence`` per lane
 
+and of one that is no kernel, in place of ``workspace`` and ``step``,
+
+``filter_of(settings, compiled, folder)``
+                                the filter (``harness.runner.contract.Filter``) that believes in a compiled model
+
 Three flags tell the contract suite what to expect: ``KALMAN_TYPE`` (equals the textbook filter on a linear model),
 ``LINEAR`` (assumes a linear model, so it need not follow any other) and ``MONTE_CARLO`` (results scatter with the
 seed).
@@ -85,7 +90,13 @@ def load_estimator(kind: str) -> SimpleNamespace:
     Raises:
         ModelError: If there is none of that name or it lacks an export.
     """
-    return SimpleNamespace(**{**DEFAULTS, **vars(ESTIMATORS.load(kind))})
+    is_kernel = not hasattr(ESTIMATORS.load(kind, ()), "filter_of")
+    return SimpleNamespace(**{**DEFAULTS, **vars(ESTIMATORS.load(kind, None if is_kernel else ()))})
+
+
+def kernel_kinds() -> tuple[str, ...]:
+    """Return the estimators that are kernels."""
+    return tuple(kind for kind in ESTIMATORS.names() if not hasattr(load_estimator(kind), "filter_of"))
 
 
 def traced() -> tuple[str, ...]:

@@ -9,7 +9,6 @@ is published now, with these inputs, and then moves on by ``dt``. Numbers are in
 from __future__ import annotations
 
 import functools
-import importlib
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -24,58 +23,10 @@ from harness.common.errors import UserError
 from harness.common.registry import closest
 from harness.external.bodies import Run
 from harness.external.description import Description, ExternalParameter, Port, digest_of
+from harness.external.references import imported, located
 from harness.models.signals import SIGNALS
 
 DECLARED = ("inputs", "outputs", "parameters", "disturbances", "limits", "wheelbase", "steering_ratio")
-
-
-def located(reference: str, folders: Sequence[Path]) -> tuple[Path | None, dict[str, Any]]:
-    """Return the file of ``module:Class`` and what a worker makes it from.
-
-    Args:
-        reference: As a study names it.
-        folders: In which the module is looked for, before the packages that are installed.
-
-    Returns:
-        The file, ``None`` where it is one of an installed package, and the loader without its kind.
-
-    Raises:
-        UserError: If the reference has another form.
-    """
-    module, colon, name = reference.partition(":")
-    if not colon or not all(part.isidentifier() for part in (*module.split("."), name)):
-        raise UserError(f"'{reference}' names no class; write 'module:Class', such as 'my_plant:Plant'")
-    loader: dict[str, Any] = {"module": module, "name": name, "import_from": []}
-    for folder in folders:
-        stem = folder.joinpath(*module.split("."))
-        for file in (stem.with_suffix(".py"), stem / "__init__.py"):
-            if file.is_file():
-                return file, {**loader, "import_from": [str(folder.resolve())]}
-    return None, loader
-
-
-def imported(loader: Mapping[str, Any]) -> Any:
-    """Return what a loader names, in a worker process.
-
-    Raises:
-        UserError: If there is no such module, it does not import, or has no such name.
-    """
-    reference = f"{loader['module']}:{loader['name']}"
-    try:
-        module = importlib.import_module(loader["module"])
-    except ModuleNotFoundError as error:
-        if error.name and loader["module"].startswith(error.name):
-            raise UserError(
-                f"'{reference}': there is no module '{error.name}' beside the study, in the working directory or "
-                "among the installed packages"
-            ) from None
-        raise
-    if not hasattr(module, loader["name"]):
-        there = [n for n, value in vars(module).items() if isinstance(value, type) and n[:1] != "_"]
-        raise UserError(
-            f"'{reference}': {module.__file__} has no '{loader['name']}'; classes there: {', '.join(there)}"
-        )
-    return getattr(module, loader["name"])
 
 
 class PythonPlant:

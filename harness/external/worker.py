@@ -17,6 +17,7 @@ from typing import Any
 
 from harness.common.errors import UserError
 from harness.external import bodies
+from harness.external.in_words import in_words
 
 
 def main(handle: int) -> None:
@@ -42,12 +43,8 @@ def main(handle: int) -> None:
                 answer = getattr(body, method)(*arguments)
         except UserError as error:
             connection.send(("failed", str(error)))
-        except KeyboardInterrupt:
-            connection.send(("failed", "it raised KeyboardInterrupt"))
-        except SystemExit as error:
-            connection.send(("failed", f"it called sys.exit({error.code!r})"))
         except BaseException as error:
-            connection.send(("failed", _words(error)))
+            connection.send(("failed", in_words(error)))
         else:
             connection.send(("done", answer))
 
@@ -57,16 +54,6 @@ def _end_with(parent: int) -> None:
     while os.getppid() == parent:
         time.sleep(1.0)
     os._exit(0)
-
-
-def _words(error: BaseException) -> str:
-    """Return an error of foreign code in one line, with the line of its code that raised it."""
-    import traceback
-
-    text = " ".join(str(error).split())[:500]
-    frames = [f for f in traceback.extract_tb(error.__traceback__) if f"{os.sep}harness{os.sep}" not in f.filename]
-    where = f" ({os.path.basename(frames[-1].filename)}, line {frames[-1].lineno})" if frames else ""
-    return f"{type(error).__name__}: {text}{where}" if text else f"{type(error).__name__}{where}"
 
 
 if __name__ == "__main__":

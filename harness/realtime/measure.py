@@ -130,7 +130,11 @@ def contestants(study: StudySpec, drive: str, duration: float) -> dict[str, Cont
     belief, measurements = evaluator.compiled.belief, evaluator.compiled.measured(batch.measurements)
     field = {}
     for i, (spec, estimator) in enumerate(zip(study.estimators, evaluator.compiled.estimators, strict=True)):
-        assert isinstance(estimator, CompiledEstimator)
+        if not isinstance(estimator, CompiledEstimator):
+            raise UserError(
+                f"estimator '{spec.name}' runs in a process of its own, where its steps cannot be timed one by one; "
+                "choose others with --estimator"
+            )
         inputs = evaluator.inputs(i, 0, batch, believed).at
         begin = estimator.begin(evaluator.believed_by(i, unit, case, believed))
         field[spec.name] = Contestant(spec.kind, belief, *begin, inputs, measurements)

@@ -23,7 +23,8 @@ from harness.common.registry import closest
 from harness.config import InputSignal, ModelSpec
 from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
-from harness.estimation.compiled_estimator import CompiledEstimator
+from harness.estimation.external_filter import ExternalFilter
+from harness.estimation.filters import estimator_of
 from harness.identification.data import DriveData
 from harness.identification.innovations import Innovations
 from harness.identification.signal_noise import white_variance
@@ -189,7 +190,11 @@ class RecordedEstimator:
     ) -> None:
         self.input_signal = input_signal
         self.model, self.kind, self.settings, self.name = model, kind, dict(settings or {}), name or kind
-        self._estimator = CompiledEstimator(kind, model.compiled, self.settings, folder)
+        self._estimator = estimator_of(kind, model.compiled, self.settings, folder)
+
+    def lost(self) -> list[str]:
+        """Return in words which runs it lost, of one of somebody else, since the last call."""
+        return self._estimator.losses.taken() if isinstance(self._estimator, ExternalFilter) else []
 
     def run(self, recording: xr.Dataset, seed: int = 0, drive: DriveData | None = None) -> xr.Dataset:
         """Run over a recording.
@@ -299,8 +304,9 @@ class RecordedEstimator:
 
 
 def _is_lost(facts: Floats, stated: bool) -> np.ndarray:
-    """Return the samples with a state outside its limits, or whose NIS or likelihood is no number."""
-    surprised = (facts[:, 1] > 0) & ~np.isfinite(facts[:, [0, 2]]).all(axis=1)
+    """Return the samples with a state outside its limits, or whose NIS or likelihood, if stated, is no number."""
+    expected = np.isfinite(facts[:, [0, 2]]) | np.isnan(facts[:, [0, 2]]).all(axis=0)
+    surprised = (facts[:, 1] > 0) & ~expected.all(axis=1)
     return (facts[:, 4] > 0) | (surprised & stated)
 
 
@@ -384,9 +390,11 @@ def _joint_nees(errors: Floats, covariance: Floats) -> tuple[Floats, Floats]:
     whole = np.where(usable, errors / np.where(usable, scale, 1.0), 0.0)
     unit = covariance / np.where(usable, scale, 1.0)[:, :, None] / np.where(usable, scale, 1.0)[:, None, :]
     unit = np.where(usable[:, :, None] & usable[:, None, :], unit, 0.0)
+    stated = np.isfinite(unit).all(axis=(1, 2))  # by an estimator that states variances alone only that of one signal
+    unit[~stated] = 0.0
     values, vectors = np.linalg.eigh(unit)
     kept = values > 1e-9
     parts = np.einsum("kij,ki->kj", vectors, whole) ** 2
     total = np.sum(np.where(kept, parts / np.where(kept, values, 1.0), 0.0), axis=1)
-    degrees = kept.sum(axis=1)
+    degrees = np.where(stated, kept.sum(axis=1), 0)
     return np.where(degrees > 0, total, np.nan), degrees.astype(float)

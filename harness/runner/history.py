@@ -147,5 +147,10 @@ class EverySample:
 
     def of(self, history: History, filter_: Filter) -> History:
         """Return what is kept of the first of runs side by side."""
-        first = (getattr(history, each.name)[..., 0] for each in fields(history))
-        return History(*first)
+        first = {each.name: getattr(history, each.name)[..., 0].copy() for each in fields(history)}
+        if not self.of_state:
+            first |= {name: first[name][:0] for name in ("mean", "state_covariance")}
+        if len(self.rows) and not first["covariance"].shape[-1]:  # variances alone: what two have in common is unknown
+            first["covariance"] = np.full((len(first["deviation"]), len(self.rows), len(self.rows)), np.nan)
+            np.einsum("kaa->ka", first["covariance"])[:] = np.square(first["deviation"][:, self.rows])
+        return History(**first)

@@ -336,7 +336,7 @@ class Scoring:
         """Return the sums of runs side by side.
 
         The arithmetic of ``add_scores`` once more, over whole arrays; ``tests/study/test_contracts_of_the_runner.py``
-        holds the two equal.
+        holds the two equal. What is NaN throughout, NIS or likelihood, is not stated and has no score.
         """
         rows, without, (every, comparable, stated, _), bounds = self.compared(filter_)
         nx, samples = len(filter_.ports.states), self.truth.shape[-3]
@@ -344,10 +344,12 @@ class Scoring:
         k = np.arange(samples)[:, None]
         nis, seen, likelihood, repairs, outside = np.moveaxis(history.facts, -2, 0)
         with np.errstate(invalid="ignore", over="ignore"):
+            no_nis, no_likelihood = (np.isnan(each).all(axis=-2, keepdims=True) for each in (nis, likelihood))
             numbers = np.abs(history.estimate[..., chosen, :]) <= LARGEST
             bad = (outside > 0) | ~numbers.all(axis=-2)
             if stated:
-                bad |= (seen > 0) & ~((nis <= LARGEST) & (np.abs(likelihood) <= LARGEST))
+                expected = (no_nis | (nis <= LARGEST)) & (no_likelihood | (np.abs(likelihood) <= LARGEST))
+                bad |= (seen > 0) & ~expected
             bad &= (k > 0) & (k < self.until[..., None, :])
             diverged = np.where(bad.any(axis=-2), bad.argmax(axis=-2), samples)
             active = (k > 0) & (k < np.minimum(diverged, self.until)[..., None, :]) & (k >= self.since)
@@ -365,7 +367,8 @@ class Scoring:
             inside = weighed & (nees >= bounds[nx, 0]) & (nees <= bounds[nx, 1])
             counted = [
                 active, np.where(weighed, nees, 0.0), weighed, inside, np.where(used, nis, 0.0), used,
-                used & (nis >= low) & (nis <= high), np.where(used, likelihood, 0.0), np.where(active, repairs, 0.0),
+                np.where(no_nis, np.nan, used & (nis >= low) & (nis <= high)), np.where(used, likelihood, 0.0),
+                np.where(active, repairs, 0.0),
             ]  # fmt: skip
         if without is not None:
             errors[..., without, :] = np.nan

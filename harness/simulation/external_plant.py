@@ -9,11 +9,11 @@ import numpy as np
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.engine.simd.lanes import LANES
-from harness.external import python_plant
 from harness.external.bodies import Run
 from harness.external.description import digest_of
 from harness.external.losses import Losses
 from harness.external.processes import Lost, Workers
+from harness.external.references import located
 from harness.runner.contract import Batch, Held, InputSeries, Ports, Signals
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ def _loader(external: ExternalSpec) -> dict[str, Any]:
     """
     description = external.description
     if description.kind == "python":
-        file, loader = python_plant.located(description.file, external.folders)
+        file, loader = located(description.file, external.folders)
     else:
         file = next((f / description.file for f in external.folders if (f / description.file).is_file()), None)
         loader = {"file": str(file and file.resolve())}

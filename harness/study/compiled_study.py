@@ -16,7 +16,7 @@ from harness.config import NOISE_SCALES, DesignSpec, ModelSpec, StudySpec
 from harness.config.bounds import loading, settled
 from harness.engine.compile import CompiledModel, compile_model
 from harness.engine.simd.lanes import LANES
-from harness.estimation.compiled_estimator import CompiledEstimator
+from harness.estimation.filters import estimator_of
 from harness.models.assembly.assemble import StateSpaceModel
 from harness.models.assembly.parameter_states import true_states
 from harness.models.contracts import DRIVE_INPUTS, Profile
@@ -192,7 +192,7 @@ class CompiledStudy:
         uncertain = bool(study.belief.input_noise)
         given = filters or {}
         self.estimators: list[Filter] = [
-            given[e.name] if e.name in given else CompiledEstimator(e.kind, self.belief, e.settings, e.base, uncertain)
+            given[e.name] if e.name in given else estimator_of(e.kind, self.belief, e.settings, e.base, uncertain)
             for e in study.estimators
         ]
 

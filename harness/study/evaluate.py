@@ -16,6 +16,7 @@ from harness.config import StudySpec
 from harness.engine.simd.lanes import LANES
 from harness.engine.standard_normal import standard_normal
 from harness.estimation.compiled_estimator import CompiledEstimator
+from harness.estimation.external_filter import ExternalFilter
 from harness.external.losses import Losses
 from harness.runner.contract import Batch, Filter, Held, InputSeries, Signals, Simulator
 from harness.runner.scores import Scores, Scoring, Sums
@@ -84,7 +85,10 @@ class StudyEvaluator:
             return "simulation"
         batch, believed = self.simulate(short, [Case(0, 0)], samples=3), self.held(short, [Case(0, 0)], "belief")
         self.estimate(index - 1, short, [Case(0, 0)], batch, believed)
-        return self.study.estimators[index - 1].name
+        name, estimator = self.study.estimators[index - 1].name, self.compiled.estimators[index - 1]
+        if isinstance(estimator, ExternalFilter) and (lost := estimator.losses.taken()):
+            raise UserError(f"{self.study.path}: estimator '{name}' fails within the first 3 samples: {lost[0]}")
+        return name
 
     def _try_plant(self, unit: Unit) -> None:
         """Simulate three samples; of a plant of somebody else as it is stated: one that never works is no study.

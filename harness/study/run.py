@@ -192,6 +192,7 @@ def _run(
         plan = _plan(evaluator(), todo, workers, console, agree)
         compiled = time.perf_counter()
         store = store or Store(study, evaluator, out)
+        evaluator().lost()  # of the plan's first runs, which are computed once more
         _evaluate(evaluator(), store, todo, total, plan, console, client, lock)
         seconds = time.perf_counter() - compiled
         for sentence in evaluator().lost():

@@ -13,9 +13,13 @@ import harness as h
 from harness.cli.main import app
 from harness.cli.new import WRITES, write_new
 from harness.common.errors import UserError
-from harness.config import load_study
+from harness.config import build_study, load_study
+from harness.study.design import units
+from harness.study.evaluate import StudyEvaluator
 from harness.study.run import run_study
-from harness.testing import check_tyre, check_vehicle
+from harness.study.score_names import OK, STATUS
+from harness.testing import check_estimator, check_tyre, check_vehicle
+from support.observers import CONTENT, OF_THE_LIBRARY, needs_compiler
 from support.plugins import forget
 
 COMPONENTS = ("vehicle", "effect", "tyre", "estimator")
@@ -66,6 +70,35 @@ def test_the_tests_that_come_with_components_pass(lab):
     assert done.returncode == 0, done.stdout
     for kind in COMPONENTS:
         assert re.search(rf"my_{kind}\S*\.py::\S+ PASSED", done.stdout), done.stdout
+
+
+def test_the_test_of_an_observer_passes_and_its_gain_must_fit(lab):
+    write_new("estimator observer", "watcher")
+    check_estimator("watcher")
+    study = build_study({**CONTENT, "estimator": [{"kind": "watcher", "gain": [[0.3, 0.1]]}]}, lab / "study.toml")
+    with pytest.raises(UserError, match="2 states and 2 outputs"):
+        StudyEvaluator(study)
+
+
+@needs_compiler
+def test_estimators_that_run_in_processes_of_their_own_work_as_they_are(run, lab):
+    for form in ("python", "library"):
+        status, _ = run("new", "estimator", f"in_{form}", "--kind", form)
+        assert status == 0
+    command = (lab / "studies" / "in_library.c").read_text().split("\n")[2].removeprefix(" *").split()
+    subprocess.run(command, cwd=lab / "studies", check=True)
+    estimators = [
+        {"name": "C", "kind": "external", "library": "libin_library.so", **OF_THE_LIBRARY},
+        {"name": "Python", "kind": "external", "python": "in_python:Observer"},
+    ]
+    study = build_study({**CONTENT, "estimator": estimators}, lab / "studies" / "study.toml")
+    (unit, *_) = units(study, study.designs[0])
+    result = StudyEvaluator(study).evaluate(unit)
+    assert (result[STATUS] == OK).all()
+
+
+def test_forms_are_of_estimators(run, lab):
+    assert run("new", "vehicle", "mine", "--kind", "python")[0] == 2
 
 
 def test_what_is_said_to_come_next_of_a_vehicle_works(run, lab):

@@ -1,4 +1,4 @@
-"""What holds for every estimator in ``harness/estimation/methods``; the check is tried on wrong ones."""
+"""What holds for every kernel in ``harness/estimation/methods``; the check is tried on wrong ones."""
 
 import textwrap
 
@@ -6,11 +6,11 @@ import pytest
 
 import harness
 from harness.common import components
-from harness.config.roles import ESTIMATORS
+from harness.estimation.contract import kernel_kinds
 from harness.testing import check_estimator
 
 
-@pytest.mark.parametrize("name", ESTIMATORS.names())
+@pytest.mark.parametrize("name", kernel_kinds())
 def test_every_estimator(name):
     check_estimator(name)
 

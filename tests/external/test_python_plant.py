@@ -122,7 +122,7 @@ def test_a_fault_loses_its_run_and_all_others_keep_their_bits(tmp_path, plain, f
         ("def step", "def stepp", "neither simulate"),
         ("parameters = ", "parameter = ", "declares no parameters"),
         ("import math", "import matth", "No module named 'matth'"),
-        ("class Plant", "class Car", "has no 'Plant'; classes there: Car"),
+        ("class Plant", "class Car", "has no 'Plant'; there are: Car"),
         (
             "class Plant:",
             "class Plant:\n    def __init__(self, x): pass",

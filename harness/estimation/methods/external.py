@@ -1,0 +1,73 @@
+"""Estimators from outside: a Python class, a library in C, an FMU or a network in ONNX, in worker processes.
+
+What it gets and gives is in ``docs/estimators/external.md``. It states no covariance of the states, at most variances
+of its estimates and the NIS.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from harness.config.schema import Quantity
+from harness.engine.compile import CompiledModel
+from harness.estimation.external_filter import ExternalFilter
+from harness.external.bodies import MODULES
+from harness.runner.contract import Filter
+
+HAS_COVARIANCE = False
+
+FILES = ("python", "library", "fmu", "onnx")
+
+Names = list[str] | dict[str, str]
+
+
+class Settings(BaseModel):
+    """What runs, and what it gets and gives."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    python: str | None = Field(default=None, description="`module:Class`, the module beside the study or installed")
+    library: str | None = Field(default=None, description="shared library in C (`harness_estimator.h`)")
+    fmu: str | None = Field(default=None, description="FMU of an observer")
+    onnx: str | None = Field(default=None, description="network")
+    inputs: Names | None = Field(
+        default=None,
+        description="inputs of the belief in the order that it gets them, or a table of the units that it wants; "
+        "as it declares, else all",
+    )
+    measurements: Names | None = Field(default=None, description="the same of what is measured")
+    estimates: Names | None = Field(default=None, description="the same of the signals that it gives")
+    values: list[str] | None = Field(
+        default=None,
+        description="parameters and noise of the belief that it gets before a run, see the page; a Python class all",
+    )
+    variances: bool | None = Field(default=None, description="whether it gives the variances of its estimates")
+    nis: bool | None = Field(default=None, description="whether it gives the NIS as well")
+    timeout: Quantity = Field(default="60 s", description="by the clock, that a run may take")
+    settings: dict[str, Any] = Field(default_factory=dict, description="handed on to it")
+    files: list[str] = Field(default_factory=list, description="further files that decide what it does")
+
+    @model_validator(mode="after")
+    def _one_file(self) -> Settings:
+        stated = [name for name in FILES if getattr(self, name) is not None]
+        if len(stated) != 1:
+            raise ValueError(
+                f"state one of {', '.join(FILES)}, {'not ' + ' and '.join(stated) if stated else 'there is none'}"
+            )
+        return self
+
+
+def filter_of(settings: Settings, compiled: CompiledModel, folder: Path) -> Filter:
+    """Return the estimator, see ``harness.estimation.contract``."""
+    return ExternalFilter(settings.model_dump(), compiled, folder)
+
+
+def files(settings: Settings, folder: Path) -> tuple[Path, ...]:
+    """Return the file of ours that runs it, which is imported by name; those that it names belong to the study."""
+    kind = next(name for name in FILES if getattr(settings, name) is not None)
+    spec = importlib.util.find_spec(MODULES[f"estimator-{kind}"])
+    return () if spec is None or spec.origin is None else (Path(spec.origin),)
