@@ -1,0 +1,100 @@
+"""Numbers of ``harness check`` of which the answer is known by hand."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from harness.recordings.check import check_report, responses
+from harness.recordings.check.explain import _NEAR, _shared
+from harness.recordings.motion import pose
+from harness.recordings.motion.consistency import Origin, SmoothedSignals, compare
+from harness.recordings.motion.pair_fit import Agreement
+from harness.recordings.motion.redundancy import RELATIONS
+from support.weaving_car import STEP, TIME, drive
+
+
+@pytest.mark.parametrize("step", [0.1, 0.05])
+def test_the_excerpt_is_thirty_seconds_of_the_liveliest(step):
+    """Stretches begin every 7.5 s; of those that hold all that moves, from 40 to 52 s, the first is taken."""
+    time = np.arange(0, 100, step)
+    fit = SimpleNamespace(step=step, computed=np.where((time > 40) & (time < 52), np.sin(5 * time), 0.0))
+    rows = check_report._liveliest(fit)
+    assert (rows.start * step, rows.stop * step) == pytest.approx((22.5, 52.5))
+    assert check_report._liveliest(SimpleNamespace(step=step, computed=fit.computed[:200])) == slice(0, 200)
+
+
+def test_the_last_of_several_panels_has_the_label_of_the_time(monkeypatch):
+    drawn = []
+    monkeypatch.setattr(check_report.style, "svg", lambda figure: drawn.append(figure) or b"")
+    wave = np.sin(TIME)
+    exact = [relation for relation in RELATIONS if relation.exact][:3]
+    check_report.comparison_figures([Agreement(r, "agrees", (), len(wave), wave, wave, STEP) for r in exact])
+    assert [axes.get_xlabel() for axes in drawn[0].axes] == ["", "", "time in s"]
+
+
+@pytest.mark.parametrize("every", [1, 4])
+@pytest.mark.parametrize("size", [0.1, 3.0])
+def test_a_wave_of_eight_samples_leaves_its_second_difference_open(every, size):
+    """The middle of its neighbours misses a wave by the share 1 - cos(2 pi / 8), whatever its size."""
+    relation = next(r for r in RELATIONS if r.signal == "yaw_rate" and r.exact)
+    wave = size * np.sin(np.arange(32 * 8 * every) * 2 * np.pi / (8 * every) + 0.1)
+    step = 0.01
+    smoothed = SmoothedSignals({"yaw_rate": wave}, step, {"yaw_rate": Origin(rate=1 / (every * step))})
+    share = (1 - np.cos(2 * np.pi / 8)) ** 2
+    assert smoothed.unresolved(replace(relation, bank=0.0)) == pytest.approx(share, rel=1e-2)
+    assert smoothed.unresolved(replace(relation, bank=2 * size)) == pytest.approx(
+        np.hypot(share, 2 * np.sqrt(2)), rel=1e-2
+    )
+
+
+@pytest.mark.parametrize(("independent", "factor"), [(100.0, 1.0), (25.0, 1.3)])
+def test_a_slope_costs_what_noise_of_either_side_does_not_explain(independent, factor):
+    """A slope of 2 with a correlation of 0.8: within ln 1/0.764 of it (Frisch 1934, error (1 - 0.8^2) / 10)."""
+    relation = next(r for r in RELATIONS if r.through_zero and r.or_slope is None)
+    relation = replace(relation, slope=(1.0, factor))
+    computed, noise = np.tile([5.0, 5.0, -5.0, -5.0], 100), np.tile([5.0, -5.0, 5.0, -5.0], 100)
+    share, cost, floor = _shared(relation, 1.6 * computed + 1.2 * noise, computed, independent)
+    assert share == pytest.approx(0.2)
+    open_by_noise = -np.log(0.8 - 0.36 / np.sqrt(independent))
+    assert cost == pytest.approx(((np.log(2) - open_by_noise) / np.log(factor * _NEAR)) ** 2 / 2)
+    assert floor > relation.misfit**2 / 2
+    exact = _shared(relation, 1.2 * computed, computed, independent)
+    assert exact[:2] == pytest.approx((0.0, (np.log(1.2) / np.log(factor * _NEAR)) ** 2 / 2))
+
+
+def test_an_offset_tells_of_a_relation_that_is_exact_only():
+    signals = drive(TIME)
+    time = signals.pop("time")
+    noise = np.random.default_rng(1).normal(scale=0.02, size=(len(signals), len(time)))
+    smoothed = SmoothedSignals({n: v + e for (n, v), e in zip(signals.items(), noise, strict=True)}, STEP)
+    kinds = set()
+    for fit in (compare(r, smoothed) for r in RELATIONS if set(r.signals) <= set(signals) and not r.circular):
+        if responses.tells(fit):
+            relation, channels = fit.relation, [(name,) for name in fit.relation.signals]
+            kinds.add((relation.exact, relation.through_zero))
+            a, b = (responses.response(replace(fit, offset=o), smoothed, channels, False).value for o in (0.0, 5.0))
+            moves = np.abs(a - b).max() > 1e-6 * np.abs(a).max()
+            assert moves == (relation.exact and not relation.through_zero), relation.formula
+    assert kinds >= {(True, False), (False, False), (True, True)}
+
+
+@pytest.mark.parametrize(("turned", "unknown"), [(10.4, False), (10.6, True), (-10.4, False), (-10.6, True)])
+def test_a_turn_of_which_the_rate_leaves_a_quarter_open_is_unknown(turned, unknown):
+    """0.15 of it may be off: pi / 2 of 10.47 rad."""
+    time = np.concatenate([np.arange(0, 10, 0.1), np.arange(20, 30, 0.1)])
+    heading = np.where(time < 10, time, 0.0)
+    rate = np.arange(0, 30, 0.1), np.full(300, turned / (20 - 9.9))
+    values, gaps = pose.continued(time, heading, [(9.9, 20.0)], rate)
+    assert gaps == ([(9.9, 20.0)] if unknown else [])
+    turns = (values[time >= 20] - heading[time >= 20]) / (2 * np.pi)
+    np.testing.assert_allclose(turns, np.round((turned + heading[99]) / (2 * np.pi)), atol=1e-9)
+
+
+@pytest.mark.parametrize(("aside", "determined"), [(2, True), (3, False)])
+def test_nine_of_ten_samples_along_the_heading_determine_the_course(monkeypatch, aside, determined):
+    along = np.array([-2.0] * 6 + [0.0] * aside + [2.0] * (14 - aside))
+    monkeypatch.setattr(pose, "_velocity", lambda signals, step: (along, np.where(along == 0.0, 2.0, 0.0)))
+    signals = dict.fromkeys(pose.NEEDS, along) | {"speed": np.full(20, 2.0)}
+    assert pose.unsigned_stretches(signals, 0.5) == ({"speed": [(0.0, 3.0)]} if determined else {})
