@@ -122,8 +122,10 @@ def concerned(file: str) -> list[str]:
             re.search(
                 rf"\b{re.escape(module)}\b|from {re.escape(module.rpartition('.')[0])} import .*\b{path.stem}\b", text
             ),
+            test.stem.removeprefix("test_") in users,
             named.search(text) and test.parent.name in (package, "contracts", file.split("/")[0]),
             test.stem == f"test_{folder}",
+            f"{module.rpartition('.')[0]}." in text,
             test.parent.name == package,
             any(re.search(rf"['\"]{user}['\"]", text) for user in users),
         )

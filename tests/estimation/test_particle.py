@@ -104,6 +104,19 @@ def test_innovation_and_its_covariance_are_those_of_the_prediction(compiled):
     assert info.nis[0] == pytest.approx(np.full(LANES, rest @ np.linalg.solve(S, rest)), rel=0.1, abs=0.05)
 
 
+@pytest.mark.parametrize("particles", [2, 16])
+def test_particles_that_are_all_alike_leave_an_innovation_the_noise_of_the_sensors(compiled, particles):
+    u, y, _, B, C = drive_linear(3)
+    estimator = CompiledEstimator("particle", compiled, {"particles": particles})
+    state = estimator.init(np.zeros(3), np.zeros(3), SEEDS)
+    belief = believe(estimator, compiled, np.zeros(3))
+    _, info = estimator.step(state, in_lanes(u[0]), in_lanes(u[1]), in_lanes(y[1]), belief)
+    rest = y[1] - C @ (B @ u[0])
+    np.testing.assert_allclose(info.innovation_covariance, np.diag(R)[..., None] * np.ones(LANES), rtol=1e-12, atol=0)
+    np.testing.assert_allclose(info.innovation, rest[:, None] * np.ones(LANES), rtol=1e-12)
+    np.testing.assert_allclose(info.nis[0], (rest**2 / R).sum(), rtol=1e-12)
+
+
 def test_gather_reads_every_lane_from_its_own_row():
     @njit
     def kernel(cloud, rows, out):

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from harness.recordings.check import check_report, responses
 from harness.recordings.check.explain import _NEAR, _shared
@@ -26,12 +27,13 @@ def test_the_excerpt_is_thirty_seconds_of_the_liveliest(step):
 
 
 def test_the_last_of_several_panels_has_the_label_of_the_time(monkeypatch):
-    drawn = []
+    drawn, wave = [], np.sin(TIME)
     monkeypatch.setattr(check_report.style, "svg", lambda figure: drawn.append(figure) or b"")
-    wave = np.sin(TIME)
+    signals = dict.fromkeys(("yaw_rate", "heading", "speed"), ("time", wave))
+    check_report.signal_figures(xr.Dataset(signals, {"time": TIME}))
     exact = [relation for relation in RELATIONS if relation.exact][:3]
     check_report.comparison_figures([Agreement(r, "agrees", (), len(wave), wave, wave, STEP) for r in exact])
-    assert [axes.get_xlabel() for axes in drawn[0].axes] == ["", "", "time in s"]
+    assert [[axes.get_xlabel() for axes in figure.axes] for figure in drawn] == 2 * [["", "", "time in s"]]
 
 
 @pytest.mark.parametrize("every", [1, 4])
