@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -114,7 +115,8 @@ def _loader(external: ExternalSpec) -> dict[str, Any]:
 def _by_run(values: Floats, lead: tuple[int, ...]) -> Floats:
     """Return numbers of batches ``(..., n, LANES)``, or ``(..., samples, n, LANES)``, with all runs in front."""
     inner = values.ndim - len(lead) - 1
-    return np.moveaxis(values, -1, len(lead)).reshape(-1, *values.shape[len(lead) : len(lead) + inner])
+    runs = math.prod(lead) * values.shape[-1]  # which -1 does not say of a plant without parameters or disturbances
+    return np.moveaxis(values, -1, len(lead)).reshape(runs, *values.shape[len(lead) : len(lead) + inner])
 
 
 def _alike(i: int, values: Floats, forces: Floats) -> bool:
