@@ -49,14 +49,21 @@ def show(console: Console, role: str, name: str | None = None, here: Path | None
 
     Args:
         console: Where to print.
-        role: One of ``ROLES``; ``models`` is every part of a model.
-        name: One file of the role; its settings are printed then.
+        role: One of ``ROLES``, ``models`` is every part of a model; or ``fmu``.
+        name: One file of the role; its settings are printed then. Of ``fmu`` its file.
         here: Folder of studies that come before those of project and package.
 
     Raises:
         UserError: If there is no such role.
         ModelError: If there is no such file.
     """
+    if role == "fmu":
+        from harness.cli import fmus
+
+        if name is None:
+            raise UserError("whose variables? harness list fmu FILE")
+        fmus.show(console, Path(name))
+        return
     if role not in ROLES:
         raise UserError(f"unknown role '{role}'{closest(role, ROLES)}")
     if role == "models":

@@ -304,10 +304,12 @@ def list_(
         str | None,
         typer.Argument(
             help="models (all parts of a model), vehicles, tyres, effects, sensors, parameters, drives, "
-            "estimators, readers, signals, studies, drive-sets, channels or networks; all of these if absent."
+            "estimators, readers, signals, studies, drive-sets, channels or networks, all of these if absent; or fmu."
         ),
     ] = None,
-    name: Annotated[str | None, typer.Argument(help="One file of that role, with its settings.")] = None,
+    name: Annotated[
+        str | None, typer.Argument(help="One file of that role, with its settings; of fmu its file.")
+    ] = None,
 ) -> None:
     """Show what there is to choose from.
 
@@ -316,7 +318,7 @@ def list_(
     from harness.cli.listing import ROLES, show
 
     if role is None:
-        Console().print(Text("\n".join(f"harness list {each}" for each in ROLES)), soft_wrap=True)
+        Console().print(Text("\n".join(f"harness list {each}" for each in (*ROLES, "fmu FILE"))), soft_wrap=True)
         return
     show(_wide_console(), role, name, HERE)
 

@@ -19,7 +19,7 @@ from harness.common.places import refuse_links
 
 Form = Literal["kernels", "observer", "python", "library"]
 
-Kind = Literal["project", "vehicle", "effect", "estimator", "tyre", "study", "channels", "parameters"]
+Kind = Literal["project", "vehicle", "effect", "estimator", "tyre", "study", "channels", "parameters", "plant"]
 
 WRITES: dict[str, dict[str, str]] = {
     "project": {
@@ -57,6 +57,7 @@ NEXT = {
     "tyre": 'pytest tests/test_{name}.py; in a study: plant = {{ ..., tyre = "{name}" }}',
     "study": "harness run {name}",
     "channels": "look at every entry, then: harness check {given} --channels {name}",
+    "plant": 'look at every entry, then in a study: plant = {{ fmu = "{given}", map = "{name}" }}',
     "parameters": "write your own values into it, then: --parameters {name} where a command takes a model",
 }
 """What to do with what was written."""
@@ -64,10 +65,14 @@ NEXT = {
 
 def new(
     kind: Annotated[Kind, typer.Argument(help="What to make: a project folder, or a file in the one you are in.")],
-    name: Annotated[str, typer.Argument(help="Its name; for channels a recording.")],
+    name: Annotated[str, typer.Argument(help="Its name; for channels a recording, for a plant an FMU.")],
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="Channel map to write; channels/<name of the recording>.toml if absent."),
+        typer.Option(
+            "--out",
+            "-o",
+            help="Map to write; channels/<name of the recording>.toml, or <name of the FMU>.toml, if absent.",
+        ),
     ] = None,
     model: Annotated[str | None, typer.Option("--model", "-m", help="For parameters: the vehicle they are of.")] = None,
     parameters: ParametersOption = None,
@@ -84,19 +89,24 @@ def new(
     """Write a commented file to start from, which works as it is.
 
     A project folder with a study; in it a vehicle with values, an effect, an estimator or a tyre, each with its test; a
-    study; a channel map that is proposed from the names, units and values of a recording; or a parameter file for a
-    vehicle that there is already.
+    study; a channel map that is proposed from the names, units and values of a recording, or the map of a plant that is
+    an FMU from its description; or a parameter file for a vehicle that there is already.
     """
     console = Console()
     entry = kind if form == "kernels" else f"{kind} {form}"
-    if out is not None and kind != "channels":
-        raise UserError("--out is for channels; other files have their place in the project folder")
+    if out is not None and kind not in ("channels", "plant"):
+        raise UserError("--out is for channels and plants; other files have their place in the project folder")
     if form != "kernels" and kind != "estimator":
         raise UserError("--kind is for estimators")
     if kind != "parameters" and (model or parameters or tyre):
         raise UserError("--model, --parameters and --tyre are for parameters")
     if kind == "channels":
         called, written = _channels(name, out, console)
+    elif kind == "plant":
+        from harness.cli.fmus import write_map
+
+        out, written = write_map(Path(name), out)
+        called = str(out)
     elif kind == "parameters":
         called, written = _parameters(name, ModelOptions(model or "", parameters, tyre))
     else:
