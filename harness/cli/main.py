@@ -165,7 +165,7 @@ def _common(
 def _run_command(name: str, place: Path | None, command: Callable[[], None]) -> None:
     if place is not None:
         refuse_url(place)
-        refuse_unfit(name, place)
+    refuse_unfit(name, place)
     command()
 
 

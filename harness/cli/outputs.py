@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from harness.cli import options
 from harness.common.errors import UserError
 from harness.common.places import is_url
 
@@ -23,8 +24,8 @@ RESULTS = {
 _FOLDERS = {*RESULTS, "check", "observability"}
 """Commands whose ``--out`` is a folder."""
 
-_FILES = {"tune"}
-"""Commands that write a file after long work; others that write one look at its folder themselves."""
+_FILES = {"tune", "simulate"}
+"""Commands that write a file after long work."""
 
 _STORES = ("zarr.json", ".zgroup", ".zarray")
 """What tells a store of Zarr, of version 3 and 2."""
@@ -33,26 +34,21 @@ _WRITES_TOO = {"loop": ("trace",), "trace": ("loop",)}
 """What a command writes besides."""
 
 
-def refuse_unfit(command: str, out: Path) -> None:
+def refuse_unfit(command: str, out: Path | None) -> None:
     """Refuse an output folder that cannot be one, or in which another command has left its result.
 
     Args:
         command: Name of the command; of one that writes neither a folder nor a file at its end nothing is looked at.
-        out: What it writes.
+        out: What it writes; of a folder that nobody has named the one around it is looked at.
 
     Raises:
         UserError: If it is a file, a store, cannot be written to, or holds a result whose report would be written over.
     """
-    if command not in _FOLDERS | _FILES or is_url(out):
+    if command not in _FOLDERS | _FILES or (out is not None and is_url(out)):
         return
-    out = out.parent if command in _FILES else out
-    there = next(p for p in (out, *out.absolute().parents) if os.path.lexists(p))
-    if not there.exists():
-        raise UserError(f"{there} is a link that leads nowhere; make the folder it leads to, or choose another name")
-    if not there.is_dir():
-        raise UserError(f"{there} is a file, where --out names a folder; choose another name")
-    if not os.access(there, os.W_OK | os.X_OK):
-        raise UserError(f"{out}: nothing may be written to {there}; choose another folder with --out")
+    _refuse_place(options.RESULTS if out is None else out.parent if command in _FILES else out)
+    if out is None:
+        return
     if any((out / mark).exists() for mark in _STORES):
         raise UserError(
             f"{out} is a store of Zarr, in which nothing else may lie; choose the folder around it or another"
@@ -64,6 +60,17 @@ def refuse_unfit(command: str, out: Path) -> None:
             f"{out} holds a result of 'harness {others[0]}' ({RESULTS[others[0]]}), and its report would be written "
             "over; choose another folder with --out"
         )
+
+
+def _refuse_place(folder: Path) -> None:
+    """Refuse what cannot be a folder to write in."""
+    there = next(p for p in (folder, *folder.absolute().parents) if os.path.lexists(p))
+    if not there.exists():
+        raise UserError(f"{there} is a link that leads nowhere; make the folder it leads to, or choose another name")
+    if not there.is_dir():
+        raise UserError(f"{there} is a file, where --out names a folder; choose another name")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise UserError(f"{folder}: nothing may be written to {there}; choose another folder with --out")
 
 
 def refuse_input(out: Path, *inputs: Path) -> None:

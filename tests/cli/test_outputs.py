@@ -142,6 +142,7 @@ LONG = {  # commands that write a folder or file at the end of long work
     "identify": ["-m", "car", "--train", "none.csv", "-f", "mass"],
     "trace": ["-m", "car", "--train", "none.csv", "--test", "nor-this.csv"],
     "tune": ["-m", "car", "--data", "none.csv"],
+    "simulate": ["car", "--drive", "none"],
     "check": ["none.csv"],
     "remedy": ["none"],
     "realtime": ["kalman-lecture"],
@@ -154,7 +155,7 @@ LONG = {  # commands that write a folder or file at the end of long work
 @pytest.mark.parametrize("within", ["", "deeper"])
 def test_a_link_that_leads_nowhere_is_refused_before_anything_is_computed(tmp_path, command, within):
     (tmp_path / "link").symlink_to(tmp_path / "nowhere")
-    out = tmp_path / "link" / within / ("tuned.toml" if command == "tune" else "")
+    out = tmp_path / "link" / within / {"tune": "tuned.toml", "simulate": "drive.csv"}.get(command, "")
     status, said = harness(command, *LONG[command], "--out", out)
     assert status == 2
     assert f"{tmp_path / 'link'} is a link that leads nowhere" in said
@@ -166,6 +167,17 @@ def test_a_folder_that_may_not_be_written_to_is_refused_before_anything_is_compu
     status, said = harness("check", "none.csv", "--out", tmp_path / "new" / "deeper")
     assert status == 2
     assert f"nothing may be written to {tmp_path}" in said
+
+
+@pytest.mark.parametrize("command", ["run", "identify", "trace", "check", "remedy", "realtime", "campaign"])
+@pytest.mark.parametrize("place", ["link", "file"])
+def test_results_that_cannot_be_a_folder_are_refused_before_anything_is_computed(tmp_path, monkeypatch, command, place):
+    monkeypatch.chdir(tmp_path)
+    Path("results").touch() if place == "file" else Path("results").symlink_to("nowhere")
+    status, said = harness(command, *LONG[command])
+    assert status == 2
+    assert ("results is a file" if place == "file" else "results is a link that leads nowhere") in said
+    assert [path.name for path in tmp_path.iterdir()] == ["results"]
 
 
 @pytest.mark.parametrize("objective", ["likelihood", "worst-case"])
