@@ -181,11 +181,7 @@ def equipments(study: StudySpec) -> list[Equipment]:
     """Return every larger equipment: the sets of sensors that add to the study's, inputs measured or not."""
     here = study.plant.sensors
     own = SENSORS.load(here).OUTPUTS
-    sets = [here] + [
-        s
-        for s in fitting_sensors(study.plant.vehicle, study.plant.tyre)
-        if set(own.values()) < set(SENSORS.load(s).OUTPUTS.values())
-    ]
+    sets = [here] + [s for s in _sensor_sets(study) if set(own.values()) < set(SENSORS.load(s).OUTPUTS.values())]
     unknown = study.belief.unknown_inputs
     larger = []
     for name in sets:
@@ -195,6 +191,15 @@ def equipments(study: StudySpec) -> list[Equipment]:
             if further or inputs:
                 larger.append(Equipment(name, unmeasured, (*further, *inputs), inputs))
     return larger
+
+
+def _sensor_sets(study: StudySpec) -> list[str]:
+    """Return the sets of sensors that fit the plant; of a plant of somebody else, the belief as well."""
+    if study.plant.external is None:
+        return fitting_sensors(study.plant.vehicle, study.plant.tyre)
+    published = set(study.plant.model().ports)
+    fitting = fitting_sensors(study.belief.vehicle, study.belief.tyre)
+    return [s for s in fitting if set(SENSORS.load(s).OUTPUTS.values()) <= published]
 
 
 def applied(study: StudySpec, remedy: Remedy, estimator: str, tuning: Path | None = None) -> StudySpec:

@@ -19,6 +19,7 @@ from harness.common import stores
 from harness.config import DesignSpec, ModelSpec, StudySpec
 from harness.config.bounds import loading_parameters
 from harness.config.self_contained import self_contained
+from harness.external.description import Description
 from harness.models.signals import SIGNALS
 from harness.study import checksums
 from harness.study.design import points, unit_counts, unit_shape
@@ -170,6 +171,7 @@ def root_attributes(study: StudySpec) -> dict[str, Any]:
             "substeps": spec.substeps,
             "unknown_inputs": list(spec.unknown_inputs),
             **({"uncertain_parameters": said} if (said := _uncertain(spec)) else {}),
+            **({} if spec.external is None else {"foreign": _foreign(spec.external.description)}),
             "process_noise": spec.process_noise,
             "measurement_noise": spec.measurement_noise,
             "input_noise": spec.input_noise,
@@ -205,6 +207,18 @@ def root_attributes(study: StudySpec) -> dict[str, Any]:
         **code_state(study),
         "commit": commit(),
         "machine": f"{platform.system()} {platform.machine()}, {processor()}",
+    }
+
+
+def _foreign(description: Description) -> dict[str, Any]:
+    """Return what a report says of a plant of somebody else."""
+    files = (f"{name}, SHA-256 {digest[:16]}" for name, digest in description.digests.items())
+    return {
+        "kind": {"fmu": "FMU", "python": "Python class"}[description.kind],
+        **description.facts,
+        "files": list(files),
+        "process_noise_acts_on": [p.signal for p in description.disturbances] or "nothing: it has none",
+        "units": {p.signal: p.unit for p in description.disturbances},
     }
 
 

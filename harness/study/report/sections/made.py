@@ -109,6 +109,7 @@ def _timing(run: dict[str, Any]) -> dict[str, Any]:
 
 
 _SIDES = ("plant", "belief")
+_UNSHOWN = ("foreign", "units")
 _NOISES = {"process_noise": "process", "measurement_noise": "measurement", "input_noise": "input"}
 
 
@@ -124,8 +125,9 @@ def _models(store: StudyResults) -> list[Block]:
     sides = _sides(store)
     if len(sides) < 2:
         return []
-    keys = [k for k in dict.fromkeys(k for side in sides.values() for k in side) if k not in _NOISES]
-    rows = [[words(k), *(_text(sides[side].get(k)) or "–" for side in _SIDES)] for k in keys]
+    shown = {side: {**table, **(table.get("foreign") or {})} for side, table in sides.items()}
+    keys = [k for k in dict.fromkeys(k for side in shown.values() for k in side) if k not in {*_NOISES, *_UNSHOWN}]
+    rows = [[words(k), *(_text(shown[side].get(k)) or "–" for side in _SIDES)] for k in keys]
     rows = [row for row in rows if row[1:] != ["–", "–"]]
     description = store.attributes["description"]
     for key, label in (("differing", "{}"), ("valid", "largest {}")):
@@ -150,7 +152,7 @@ def _noise(store: StudyResults) -> list[Block]:
     for key, kind in _NOISES.items():
         variances = {side: sides[side].get(key) or {} for side in sides}
         for place, name in enumerate(dict.fromkeys(n for v in variances.values() for n in v)):
-            q = quantity(name)
+            q, own = quantity(name), (sides["plant"].get("foreign") or {}).get("units", {}).get(name, "")
             cells: list[str] = []
             for side in _SIDES:
                 held = variances.get(side, {}).get(name)
@@ -158,7 +160,7 @@ def _noise(store: StudyResults) -> list[Block]:
             for side in _SIDES:
                 held = variances.get(side, {}).get(name)
                 cells.append("–" if held is None else f"{held:g}")
-            rows.append(["" if place else kind, q.words, q.unit or "1", *cells])
+            rows.append(["" if place else kind, q.words, q.unit or print_unit(own) or "1", *cells])
     if not rows:
         return []
     header = ["noise", "signal", "unit", "σ plant", "σ belief", "variance plant", "variance belief"]

@@ -1,0 +1,1 @@
+"""A study with a plant that nobody here wrote: the multi-body car of ``commonroad-vehicle-models``."""
