@@ -194,3 +194,25 @@ def test_a_whole_drive_at_once_is_the_same_as_step_by_step(tmp_path, plain):
     stepped, at_once = scores(plain)[0], scores(study(tmp_path / "whole", whole))[0]
     for name, values in stepped.items():
         np.testing.assert_allclose(at_once[name], values, rtol=1e-12, atol=1e-14, err_msg=name)
+
+
+def test_a_remedy_may_add_the_sensors_that_plant_and_belief_both_have(tmp_path):
+    from harness.remedy.choices import equipments
+
+    with_gyro = study(tmp_path, belief={**STUDY["belief"], "sensors": "yaw_rate"})
+    assert with_gyro.plant.sensors == "yaw_rate"
+    added = {e.sensors for e in equipments(with_gyro)}
+    assert "car_series" in added
+    assert "car_navigation" not in added
+
+
+def test_the_report_says_what_the_plant_is_and_where_process_noise_acts(tmp_path, plain):
+    from harness.study.layout import root_attributes
+
+    (description,) = (json.loads(root_attributes(s)["description"])["plant"]["foreign"] for s in (plain,))
+    assert description["kind"] == "Python class"
+    assert description["process_noise_acts_on"] == ["side_force"]
+    assert description["units"] == {"side_force": "N"}
+    calm = study(tmp_path, PLANT.replace('disturbances = {"side_force": "kN"}', ""), plant={"python": "my_plant:Plant"})
+    (description,) = (json.loads(root_attributes(s)["description"])["plant"]["foreign"] for s in (calm,))
+    assert "none" in description["process_noise_acts_on"]
