@@ -29,7 +29,7 @@ class MultiBody:
         "roll_angle": "rad",
     }
     parameters = {
-        "mass": {"value": 1093.295, "unit": "kg", "lower": 700.0, "meaning": "whole car; the body takes the difference"},
+        "mass": {"value": 1093.295, "unit": "kg", "lower": 700.0, "meaning": "whole car, the body differs"},
         "friction": {"value": 1.0489, "unit": "", "lower": 0.05, "meaning": "largest lateral friction of the tyres"},
         "cog_height": {"value": 0.61373, "unit": "m", "lower": 0.35, "meaning": "centre of gravity of the body"},
     }
@@ -57,9 +57,7 @@ class MultiBody:
             k2 = self._rates(self._ahead(k1, h / 2), inputs, h)
             k3 = self._rates(self._ahead(k2, h / 2), inputs, h)
             k4 = self._rates(self._ahead(k3, h), inputs, h)
-            self.x = [
-                x + h / 6 * (a + 2 * b + 2 * c + d) for x, a, b, c, d in zip(self.x, k1, k2, k3, k4, strict=True)
-            ]
+            self.x = [x + h / 6 * (a + 2 * b + 2 * c + d) for x, a, b, c, d in zip(self.x, k1, k2, k3, k4, strict=True)]
         return published
 
     def _ahead(self, rates, h):
