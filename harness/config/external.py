@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -62,8 +61,9 @@ def resolve_external(
     before = len(problems)
     if raw.fmu is not None and raw.python is not None:
         problems.add("plant.python", "a plant is one thing; state 'fmu' or 'python'")
-    if raw.map is not None and raw.fmu is None:
-        problems.add("plant.map", "the map belongs to an FMU; a Python class declares its signals itself")
+    for name in ("map", "interface"):
+        if getattr(raw, name) is not None and raw.fmu is None:
+            problems.add(f"plant.{name}", "this belongs to an FMU; a Python class declares its signals itself")
     for name in _OF_EQUATIONS:
         if table[name]:
             problems.add(f"plant.{name}", "this belongs to a vehicle of the library, not to a plant of somebody else")
@@ -115,12 +115,13 @@ def _description(raw: ModelTable, folder: Path, problems: Problems) -> Descripti
         return Description.of(raw.described)
     if raw.python is not None:
         return python_plant.described(raw.python, (folder, Path()), problems.at("plant.python"))
-    read: Any = importlib.import_module("harness.external.fmu.read")  # with its extra packages, for an FMU only
+    from harness.external.fmu import read  # with its extra packages, for an FMU only
+
     assert raw.fmu is not None
     chosen = None if raw.map is None else _beside(raw.map, folder, problems.at("plant.map"))
-    content = {} if chosen is None else read_toml(chosen)
-    described = read.describe(_beside(raw.fmu, folder, problems.at("plant.fmu")), content, str(chosen or ""))
-    return replace(described, file=raw.fmu)
+    content = None if chosen is None else read_toml(chosen)
+    path = _beside(raw.fmu, folder, problems.at("plant.fmu"))
+    return read.describe(path, content, str(chosen or path), raw.fmu, raw.interface)
 
 
 def _beside(name: str, folder: Path, where: str) -> Path:

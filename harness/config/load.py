@@ -352,7 +352,11 @@ def _hash(study: StudySpec) -> str:
         content = {k: v for k, v in asdict(replace(spec, external=None)).items() if k not in {"parameters", *absent}}
         if spec.external is not None:  # what its files are called, and how long they may take, decides no score
             described = replace(spec.external.description, file="", facts={})
-            content["external"] = described.as_dict() | {"digests": sorted(described.digests.values())}
+            used = spec.external.description.facts.get("interface")
+            content["external"] = described.as_dict() | {
+                "digests": sorted(described.digests.values()),
+                "interface": used,
+            }
         return content
 
     content = {

@@ -129,6 +129,10 @@ class ModelTable(StrictTable):
     fmu: Name | None = Field(default=None, description="[plant] only: FMU in place of a vehicle")
     map: Name | None = Field(default=None, description="[plant] only: TOML file that maps signals to those of the FMU")
     python: Name | None = Field(default=None, description="[plant] only: module:Class in place of a vehicle")
+    interface: Literal["co-simulation", "model-exchange"] | None = Field(
+        default=None,
+        description="of an FMU with both (default co-simulation; integrator and substeps are of the other)",
+    )
     timeout: Quantity | None = Field(
         default=None, description="of an FMU or a Python class: longest time that a run may take (default 60 s)"
     )

@@ -148,7 +148,7 @@ def test_a_class_that_cannot_be_understood_is_refused_in_one_line(tmp_path, befo
         ({"python": "nobodys_plant:Plant"}, "no module 'nobodys_plant'"),
         ({"python": "my_plant:Plant", "fmu": "a.fmu"}, "a plant is one thing"),
         ({"python": "my_plant:Plant", "vehicle": "car"}, "belongs to a vehicle of the library"),
-        ({"python": "my_plant:Plant", "map": "a.toml"}, "the map belongs to an FMU"),
+        ({"python": "my_plant:Plant", "map": "a.toml"}, "this belongs to an FMU"),
         ({"python": "my_plant:Plant", "sensors": "car_navigation"}, "does not publish"),
         ({"python": "my_plant:Plant", "values": {"yaw_inertia": 5}}, "lies below 100"),
         ({"python": "my_plant:Plant", "values": {"mas": 5}}, "no parameter 'mas'; closest: mass"),
