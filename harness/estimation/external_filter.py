@@ -108,9 +108,11 @@ class ExternalFilter:
         sizes = {
             g: len(c.names) for g, c in zip(GROUPS, (self._inputs, self._measurements, self._estimates), strict=True)
         }
+        sizes |= {"values": len(values), "features": sizes["inputs"] + sizes["measurements"]}
         for name, size in declared.get("sizes", {}).items():
-            if size != (own := {**sizes, "values": len(values)}[name]):
-                self._refuse(f"it has {size} {name}, the study {own}; state as many by '{name}' in its order")
+            if size != (own := sizes[name]):
+                by = "inputs and measurements, which are its features," if name == "features" else f"'{name}'"
+                self._refuse(f"it has {size} {name}, the study {own}; state as many by {by} in its order")
         self._has_nis = bool(stated.get("nis"))
         self.has_covariance = bool(stated.get("variances")) or self._has_nis
         self.gives = np.array([name in self._estimates.names for name in self.signals], dtype=bool)
@@ -181,8 +183,11 @@ class ExternalFilter:
         """Return all values of the belief but the seed, ``(runs, values)``."""
         variance = held.process_noise if held.first_variance is None else held.first_variance
         if variance.shape == (len(self.ports.states),) * 2:
-            variance = np.diag(variance)[:, None]
-        parts = held.values, held.process_noise, held.measurement_noise, held.first, variance
+            variance = np.diag(variance)
+        parts = (
+            part[:, None] if part.ndim == 1 else part
+            for part in (held.values, held.process_noise, held.measurement_noise, held.first, variance)
+        )
         table = np.concatenate([np.broadcast_to(p[..., :lanes], (*lead, p.shape[-2], lanes)) for p in parts], axis=-2)
         return np.moveaxis(table, -1, -2).reshape(-1, len(self._all_values))
 
@@ -227,38 +232,43 @@ class ExternalFilter:
 
     def _history(self, answers: list[Estimates], runs: list[_Run], shape: tuple[int, ...]) -> History:
         """Return what it gave in all runs; of the state no more than there is among its estimates."""
+        *lead, lanes = shape
         samples, states, signals = len(runs[0].inputs), list(self.ports.states), list(self.signals)
-        count, ny, squared = len(runs), len(self.ports.outputs), self._estimates.factors**2
-        estimate, deviation = np.full((2, count, samples, len(signals)), math.nan)
-        mean, variance = np.full((2, count, samples, len(states)), math.nan)
-        facts = np.zeros((count, samples, 5))
-        facts[:, :, [0, 2]] = math.nan
-        for i, (answer, run) in enumerate(zip(answers, runs, strict=True)):
+        batches, ny, factors = len(runs) // lanes, len(self.ports.outputs), self._estimates.factors
+
+        def room(*size: int) -> Floats:
+            return np.full((batches, samples, *size, lanes), math.nan)
+
+        estimate, deviation, mean, variance = (room(len(n)) for n in (signals, signals, states, states))
+        facts = room(5)
+        facts[:, :, [3, 4]] = 0.0
+        missing = np.isnan(np.stack([run.measurements for run in runs])).reshape(batches, lanes, samples, -1)
+        facts[:, :, 1] = np.moveaxis((~missing).sum(axis=-1), 1, -1)
+        places = [
+            (column, names.index(name), held, spread)
+            for column, name in enumerate(self._estimates.names)
+            for names, held, spread in ((signals, estimate, deviation), (states, mean, variance))
+            if name in names
+        ]
+        for i, answer in enumerate(answers):
+            batch, lane = divmod(i, lanes)
             whole = slice(0, answer.reached)
-            values = answer.estimates[whole] * self._estimates.factors
-            variances = (
-                answer.variances[whole] * squared if self.has_covariance and answer.variances is not None else None
-            )
-            for column, name in enumerate(self._estimates.names):
-                for names, held, spread in ((signals, estimate, deviation), (states, mean, variance)):
-                    if name in names:
-                        at = names.index(name)
-                        held[i, whole, at] = values[:, column]
-                        if variances is not None:
-                            spread[i, whole, at] = variances[:, column]
-            facts[i, :, 1] = (~np.isnan(run.measurements)).sum(axis=1)
+            for column, at, held, spread in places:
+                held[batch, whole, at, lane] = answer.estimates[whole, column] * factors[column]
+                if self.has_covariance and answer.variances is not None:
+                    spread[batch, whole, at, lane] = answer.variances[whole, column] * factors[column] ** 2
             if self._has_nis and answer.nis is not None:
-                facts[i, whole, 0] = answer.nis[whole]
-                facts[i, np.isnan(facts[i, :, 0]), 1] = 0.0
-            facts[i, answer.reached :, 4] = 1.0
-        covariance = np.full((*mean.shape, len(states)), math.nan) if self.has_covariance else None
-        if covariance is not None:
-            np.einsum("...ii->...i", covariance)[:] = variance
-        else:
-            covariance = np.broadcast_to(math.nan, (*mean.shape, len(states)))
-        nothing = [np.broadcast_to(math.nan, (count, samples, *size)) for size in ((0, 0), (ny,), (ny, ny))]
-        parts = mean, covariance, estimate, np.sqrt(deviation), *nothing, facts
-        return History(*(np.moveaxis(p.reshape(*shape, *p.shape[1:]), len(shape) - 1, -1) for p in parts))
+                facts[batch, whole, 0, lane] = answer.nis[whole]
+                facts[batch, np.isnan(facts[batch, :, 0, lane]), 1, lane] = 0.0
+            facts[batch, answer.reached :, 4, lane] = 1.0
+        covariance = np.broadcast_to(math.nan, (batches, samples, len(states), len(states), lanes))
+        if self.has_covariance:
+            covariance = covariance.copy()
+            np.einsum("...iil->...il", covariance)[:] = variance
+            np.sqrt(deviation, out=deviation)
+        nothing = [np.broadcast_to(math.nan, (batches, samples, *n, lanes)) for n in ((0, 0), (ny,), (ny, ny))]
+        parts = mean, covariance, estimate, deviation, *nothing, facts
+        return History(*(p.reshape(*lead, *p.shape[1:]) for p in parts))
 
 
 def _source(kind: str, file: str, folder: Path, where: str) -> dict[str, Any]:
@@ -268,7 +278,8 @@ def _source(kind: str, file: str, folder: Path, where: str) -> dict[str, Any]:
             _, loader = located(file, [folder, Path()])
         except UserError as error:
             raise UserError(f"{where}: {error}") from None
-        return {**loader, "kind": "estimator-python", "import_from": loader["import_from"] or [str(folder.resolve())]}
+        path = dict.fromkeys([str(folder.resolve()), *loader["import_from"]])  # what settings name may be beside it
+        return {**loader, "kind": "estimator-python", "import_from": list(path)}
     path_of = folder / file
     if not path_of.is_file():
         raise UserError(f"{where}: there is no file {path_of}")

@@ -2,7 +2,7 @@
 
 A study gives every plant the same points, inputs and noise and every filter the same measurements, and scores what
 comes back. ``harness.study.evaluate.StudyEvaluator`` takes an object that fulfils ``Simulator`` or ``Filter`` in place
-of a compiled one; no key of a study file names one.
+of a compiled one; what a study file names runs in worker processes (``harness.external``) behind such an object.
 
 **Arrays** are in SI units and end with the runs, of which there are ``LANES`` in a batch: ``(samples, n, LANES)``. Of
 several batches all arrays have their axis in front, but for what all batches have in common; what is written ``...`` in

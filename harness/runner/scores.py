@@ -7,7 +7,7 @@ are no kernels; a test holds the two equal (``tests/study/test_contracts_of_the_
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, ClassVar, NamedTuple
 
@@ -338,6 +338,13 @@ class Scoring:
         The arithmetic of ``add_scores`` once more, over whole arrays; ``tests/study/test_contracts_of_the_runner.py``
         holds the two equal. What is NaN throughout, NIS or likelihood, is not stated and has no score.
         """
+        if self.truth.ndim > 3:  # one batch after the other, which the caches hold
+            alone = [replace(self, truth=t, until=u) for t, u in zip(self.truth, self.until, strict=True)]
+            held = [History(*(part[b] for part in vars(history).values())) for b in range(len(alone))]
+            parts = [each.of(its, filter_) for each, its in zip(alone, held, strict=True)]
+            errors, per_run = np.stack([p.errors for p in parts]), np.stack([p.per_run for p in parts])
+            over_time = [p.kept for p in parts if p.kept is not None]
+            return Sums(errors, per_run, filter_.has_covariance, np.stack(over_time) if over_time else None)
         rows, without, (every, comparable, stated, _), bounds = self.compared(filter_)
         nx, samples = len(filter_.ports.states), self.truth.shape[-3]
         targets, chosen = rows[nx:], rows[nx:] >= 0

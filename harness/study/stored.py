@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +26,9 @@ from harness.study.verify import store_of
 
 TOLERANCE = 1e-6
 """Largest difference over the score by which a run of other code or another machine counts as the same."""
+
+_REFERENCE = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
+"""``module:Name``."""
 
 
 def study_of(folder: Path, beside: Path | None = None) -> StudySpec:
@@ -81,8 +85,18 @@ def _files(study: StudySpec) -> list[str]:
         for option in options_of(drive.kind)
         if option.unit == "text" and option.name in drive.options
     ]
-    settings = [value for e in study.estimators for value in e.settings.values() if isinstance(value, str)]
-    return list(dict.fromkeys(name for name in of_drives + settings if Path(name).suffix[1:].isalnum()))
+    settings = [text for e in study.estimators for text in _texts(e.settings)]
+    named = [n for n in of_drives + settings if Path(n).suffix[1:].isalnum() or _REFERENCE.fullmatch(n)]
+    return list(dict.fromkeys(named))
+
+
+def _texts(options: Any) -> list[str]:
+    """Return the texts in settings, at any depth."""
+    if isinstance(options, Mapping):
+        options = list(options.values())
+    if isinstance(options, list):
+        return [text for each in options for text in _texts(each)]
+    return [options] if isinstance(options, str) else []
 
 
 def attributes_of(folder: Path) -> dict[str, Any]:

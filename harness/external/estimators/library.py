@@ -75,12 +75,13 @@ class LibraryEstimator:
 
     Args:
         file: Its path.
+        gives: Whether it gives variances and the NIS.
 
     Raises:
         UserError: If it cannot be loaded, lacks a function, or states a size below zero.
     """
 
-    def __init__(self, file: str) -> None:
+    def __init__(self, file: str, gives: tuple[bool, bool] = (True, True)) -> None:
         try:
             library = ctypes.CDLL(file)
         except OSError as error:
@@ -101,6 +102,7 @@ class LibraryEstimator:
         self._sizes = {name: getattr(sizes, name) for name in SIZES}
         if wrong := [f"{name} = {size}" for name, size in self._sizes.items() if size < 0]:
             raise UserError(f"{Path(file).name}: harness_sizes gives {', '.join(wrong)}")
+        self._gives = gives
         self._run = load_source("library_loop", _LOOP).run
 
     def declared(self) -> dict[str, Any]:
@@ -115,10 +117,12 @@ class LibraryEstimator:
         estimates, variances = np.full((2, samples, count), math.nan)
         nis = np.full(samples, math.nan)
         if status := self._reset(state.ctypes.data, values.ctypes.data, step):
-            return Estimates(estimates, variances, nis, 0, f"harness_reset returned {status}")
+            return Estimates(estimates, None, None, 0, f"harness_reset returned {status}")
         given = inputs, measurements, step, estimates, variances, nis
         reached, status = self._run(self._step, state.ctypes.data, *given)
-        return Estimates(estimates, variances, nis, reached, f"harness_step returned {status}" if status else "")
+        reason = f"harness_step returned {status}" if status else ""
+        has_variances, has_nis = self._gives
+        return Estimates(estimates, variances if has_variances else None, nis if has_nis else None, reached, reason)
 
 
 def load(loader: Mapping[str, Any]) -> LibraryEstimator:
@@ -130,4 +134,5 @@ def load(loader: Mapping[str, Any]) -> LibraryEstimator:
     Raises:
         UserError: If it cannot be loaded.
     """
-    return LibraryEstimator(loader["file"])
+    variances, nis = bool(loader["variances"]), bool(loader["nis"])
+    return LibraryEstimator(loader["file"], (variances or nis, nis))
