@@ -75,6 +75,8 @@ class ExternalFilter:
         kind, file = next((k, settings[k]) for k in ("python", "library", "fmu", "onnx") if settings[k] is not None)
         self.losses = Losses(file)
         self._where = f"estimator {kind} = '{file}'"
+        if kind == "fmu" and any(isinstance(settings[name], Mapping) for name in GROUPS):
+            self._refuse("an FMU, or its map, states the units; list the signals alone")
         model = compiled.model
         self._all_values = (
             *model.parameter_names,

@@ -9,79 +9,93 @@ from typing import Any
 import numpy as np
 
 from harness.common.arrays import Floats
-from harness.common.errors import UserError
+from harness.common.errors import UserError, closest
+from harness.common.files import read_toml
+from harness.common.units import to_si
 from harness.external.bodies import Estimates
-from harness.external.description import Port
+from harness.external.description import ExternalParameter, Port
 from harness.external.fmu.instance import Failed, Instance, Library
 from harness.external.fmu.model import FmuModel, read_model
 from harness.external.fmu.plants import compiled, reason_of, references, to_signals, to_variables
-from harness.external.fmu.read import scalar_variable
+from harness.external.fmu.read import Observer, observer
 
 
 class FmuObserver:
     """An FMU that is given inputs and measurements and gives estimates (``harness.external.bodies.EstimatorBody``).
 
     A measurement that is missing keeps its last value. An input of the FMU that is called ``valid_<signal>``, or that
-    ``valid`` names, says whether it is there.
+    its map names so, says whether it is there.
 
     Args:
-        path: The FMU.
-        ports: Inputs, measurements, estimates and, if there are any, variances.
-        nis: Variable that is the normalised innovation squared.
-        valid: Variables that say whether a measurement is there, by signal.
-        settings: Values of parameters of the FMU, in its units, by variable.
+        model: The FMU.
+        variables: What it is given and gives.
+        values: Names of its parameters that a run states.
+        settings: Values of other parameters by name, in SI or with a unit.
+        where: Its file, named in errors.
     """
 
     def __init__(
-        self,
-        path: Path,
-        ports: Mapping[str, Sequence[Port]],
-        nis: str | None = None,
-        valid: Mapping[str, str] | None = None,
-        settings: Mapping[str, float] | None = None,
+        self, model: FmuModel, variables: Observer, values: Sequence[str], settings: Mapping[str, Any], where: str
     ) -> None:
-        model = read_model(path)
         self._library = Library(model, model.interface("co-simulation"))
         self._instance = Instance(self._library)
         self._instance.resets = False  # whether a reset does it all cannot be told from estimates
-        self._given = (*ports["inputs"], *ports["measurements"])
-        self._measurements = tuple(ports["measurements"])
-        self._read = (*ports["estimates"], *ports["variances"])
-        self._sizes = len(ports["estimates"]), len(ports["variances"])
-        further = () if nis is None else (Port("nis", nis, "1"),)
+        self._variables = variables
+        self._given = (*variables.inputs, *variables.measurements)
+        self._read = (*variables.estimates, *variables.variances)
+        further = () if variables.nis is None else (Port("nis", variables.nis, "1"),)
         self._names = [port.variable for port in (*self._read, *further)]
         self._refs_in, self._refs_out = references(model, self._given), references(model, (*self._read, *further))
-        self._valid, self._valid_real, self._rows = _validity(model, self._measurements, valid or {})
-        self._settings = {
-            scalar_variable(model, name, f"{path}: settings").reference: float(value)
-            for name, value in (settings or {}).items()
-        }
+        self._valid, self._valid_real, self._rows = _validity(model, variables.measurements, variables.valid)
+        parameters = {p.name: p for p in variables.parameters}
+        for name in (*values, *settings):
+            if name not in parameters:
+                raise UserError(f"{where}: it has no parameter '{name}'{closest(name, list(parameters))}")
+        self._values = [parameters[name] for name in values]
+        stated = {parameters[n]: to_si(v, parameters[n].unit, f"settings.{n}") for n, v in settings.items()}
+        self._settings = self._by_reference(stated)
+
+    def _by_reference(self, values: Mapping[ExternalParameter, float]) -> dict[int, float]:
+        variables = self._library.model.variables
+        return {variables[p.variable].reference: (value - p.offset) / p.scale for p, value in values.items()}
+
+    def declared(self) -> dict[str, Any]:
+        """Return the signals that it is given and gives."""
+        groups = ("inputs", "measurements", "estimates")
+        signals = {name: [port.signal for port in getattr(self._variables, name)] for name in groups}
+        return {**signals, "variances": bool(self._variables.variances), "nis": self._variables.nis is not None}
 
     def estimate(self, step: float, inputs: Floats, measurements: Floats, values: Floats, seed: int) -> Estimates:
         """Run over what was measured; see ``harness.external.bodies.EstimatorBody``."""
         library, instance = self._library, self._instance
-        starts = [library.model.variables[port.variable].start for port in self._measurements]
+        starts = [library.model.variables[port.variable].start for port in self._variables.measurements]
         present = ~np.isnan(measurements)
-        held = _held(to_variables(measurements, self._measurements), present, np.nan_to_num(starts))
+        held = _held(to_variables(measurements, self._variables.measurements), present, np.nan_to_num(starts))
         known = to_variables(inputs, self._given[: inputs.shape[1]])
         given = np.ascontiguousarray(np.column_stack([known, held]))
         rows = np.zeros((len(given), len(self._names)))
         flags = np.ascontiguousarray(present[:, self._rows], dtype=float)
         try:
-            instance.begin(self._settings, {}, self._refs_in.tolist(), given[0])
+            stated = self._by_reference(dict(zip(self._values, values.tolist(), strict=True)))
+            instance.begin({**self._settings, **stated}, {}, self._refs_in.tolist(), given[0])
         except Failed as error:
-            return Estimates(rows[:, : self._sizes[0]], None, None, 0, str(error))
+            return self._estimates(rows, 0, str(error))
         reached, why, status = compiled().observe(
             library.model.version, library.addresses, instance.address, step, given, self._refs_in, flags, self._valid,
             self._valid_real, self._refs_out, rows,
         )  # fmt: skip
         last = rows[min(reached, len(rows) - 1)]
         reason = reason_of(library, instance, why, status, self._names, last, reached * step)
-        targets, variances = self._sizes
-        nis = rows[:, -1].copy() if len(self._names) > targets + variances else None
-        signals = to_signals(rows[:, : targets + variances].copy(), self._read)
-        spread = signals[:, targets:] if variances else None
-        return Estimates(signals[:, :targets], spread, nis, int(reached), reason)
+        return self._estimates(rows, int(reached), reason)
+
+    def _estimates(self, rows: Floats, reached: int, reason: str) -> Estimates:
+        """Return what was read from the variables ``(samples, n)``."""
+        count, width = len(self._variables.estimates), len(self._read)
+        signals = to_signals(rows[:, :width].copy(), self._read)
+        spread = signals[:, count:] if self._variables.variances else None
+        return Estimates(
+            signals[:, :count], spread, None if self._variables.nis is None else rows[:, width], reached, reason
+        )
 
 
 def _held(values: Floats, present: Any, starts: Floats) -> Floats:
@@ -114,9 +128,18 @@ def _validity(
 def load(loader: Mapping[str, Any]) -> FmuObserver:
     """Return the observer that a loader makes.
 
+    Args:
+        loader: ``file`` is its path; ``inputs``, ``measurements`` and ``estimates`` the signals, ``None`` for all that
+            it has; ``values`` the parameters that runs state; ``settings`` those that do not change, and the path of
+            its map, ``map``.
+
     Raises:
         UserError: If the FMU cannot be loaded, or is none for co-simulation.
     """
-    names = ("inputs", "measurements", "estimates", "variances")
-    ports = {name: tuple(Port(**entry) for entry in loader.get(name) or ()) for name in names}
-    return FmuObserver(Path(loader["file"]), ports, loader.get("nis"), loader.get("valid"), loader.get("settings"))
+    path, settings = Path(loader["file"]), dict(loader.get("settings") or {})
+    chosen = settings.pop("map", None)
+    content, where = ({}, str(path)) if chosen is None else (read_toml(Path(chosen)), str(chosen))
+    model = read_model(path)
+    model.library(model.interface("co-simulation"))
+    variables = observer(model, content, {n: loader.get(n) for n in ("inputs", "measurements", "estimates")}, where)
+    return FmuObserver(model, variables, loader.get("values") or (), settings, str(path))

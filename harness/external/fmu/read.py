@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +14,13 @@ from harness.common.units import to_si
 from harness.external.description import Description, ExternalParameter, Port, digest_of
 from harness.external.fmu.model import REALS, FmuModel, Variable, read_model
 from harness.external.fmu.units import Conversion, of_parameter, of_variable, stated
+from harness.models.contracts import DRIVE_INPUTS
 from harness.models.signals import SIGNALS
 
 TABLES = ("inputs", "outputs", "process_noise", "parameters", "limits", "vehicle")
 """Tables of the map of a plant."""
 
-OBSERVER_TABLES = ("inputs", "measurements", "estimates", "variances", "valid", "nis")
+OBSERVER_TABLES = ("inputs", "measurements", "estimates", "variances", "valid", "nis", "parameters")
 """Tables of the map of an observer."""
 
 _PORT_KEYS = ("variable", "unit", "scale", "offset")
@@ -88,53 +89,75 @@ def describe(
     )
 
 
+@dataclass(frozen=True)
+class Observer:
+    """Variables of an estimator that is an FMU.
+
+    Attributes:
+        inputs, measurements, estimates, variances: What it is given and gives.
+        nis: Variable that is the normalised innovation squared.
+        valid: Inputs that say whether a measurement is there, by signal.
+        parameters: Its parameters.
+    """
+
+    inputs: tuple[Port, ...]
+    measurements: tuple[Port, ...]
+    estimates: tuple[Port, ...]
+    variances: tuple[Port, ...]
+    nis: str | None
+    valid: dict[str, str]
+    parameters: tuple[ExternalParameter, ...]
+
+
 def observer(
-    path: Path,
-    content: Mapping[str, Any] | None,
-    names: Mapping[str, Sequence[str]],
-    where: str = "map",
-) -> dict[str, Any]:
-    """Return the loader of an estimator that is an FMU (``harness.external.fmu.estimators``).
+    model: FmuModel, content: Mapping[str, Any], names: Mapping[str, Sequence[str] | None], where: str
+) -> Observer:
+    """Return the variables of an estimator that is an FMU.
 
     Args:
-        path: The FMU.
-        content: Its map: tables as for a plant, ``inputs``, ``measurements``, ``estimates`` and, where the FMU gives
-            them, ``variances`` of estimates; ``valid`` by measurement, and ``nis``. What it lacks are variables that
-            are called as the signals.
-        names: Signals that it is given, ``inputs`` and ``measurements``, and gives, ``estimates``.
-        where: The map's file, named in errors.
+        model: The FMU.
+        content: Its map: tables as for a plant, ``inputs``, ``measurements``, ``estimates``, ``parameters`` and, where
+            the FMU gives them, ``variances`` of the estimates; ``valid`` by measurement, and ``nis``. Signals that it
+            lacks are variables that are called so.
+        names: Signals that it is given, ``inputs`` and ``measurements``, and gives, ``estimates``; ``None`` for those
+            of the map or, without one, all variables that are called as signals.
+        where: The map's file, or that of the FMU, named in errors.
 
     Raises:
         UserError: If the FMU or its map does not do.
     """
-    content, where = content or {}, where if content else str(path)
-    model = read_model(path)
-    model.library(model.interface("co-simulation"))
     _refuse_unknown(content, OBSERVER_TABLES, where, "table")
-    ports, described = _Ports(model, where), {}
+    ports, alike, given = _Ports(model, where), named_alike(model), {}
+    otherwise = {
+        "inputs": [n for n in alike["inputs"] if n in DRIVE_INPUTS],
+        "measurements": [n for n in alike["inputs"] if n not in DRIVE_INPUTS],
+        "estimates": list(alike["outputs"]),
+    }
     for name, causalities in (("inputs", ("input",)), ("measurements", ("input",)), ("estimates", ("output", "local"))):
-        stated_ = _table(content, name, where)
-        _refuse_unknown(stated_, tuple(names[name]), f"{where}: {name}", "signal")
-        described[name] = ports.of(name, {n: stated_.get(n, n) for n in names[name]}, causalities)
-    _refuse_twice((*described["inputs"], *described["measurements"]), where)
-    spread = _table(content, "variances", where)
-    _refuse_unknown(spread, tuple(names["estimates"]), f"{where}: variances", "estimate")
-    if spread and len(spread) < len(described["estimates"]):
-        raise UserError(f"{where}: variances: state them of all estimates, or of none")
+        table, wanted = _table(content, name, where), names[name]
+        if wanted is None:
+            wanted = list(table) if content else otherwise[name]
+        given[name] = ports.of(name, {n: table.get(n, n) for n in wanted}, causalities)
+    _refuse_twice((*given["inputs"], *given["measurements"]), where)
+    spread, nis = _table(content, "variances", where), content.get("nis")
+    estimates = [p.signal for p in given["estimates"]]
+    if not estimates:
+        raise UserError(f"{where}: estimates: an observer estimates something; name at least one signal")
+    missing = [n for n in estimates if spread and n not in spread]
+    if missing:
+        raise UserError(f"{where}: variances: there is none of {missing[0]}; state them of all estimates, or of none")
     variances = [
         Port(p.signal, scalar_variable(model, spread[p.signal], f"{where}: variances.{p.signal}").name, "", p.scale**2)
-        for p in described["estimates"]
+        for p in given["estimates"]
         if spread
     ]
-    nis = content.get("nis")
-    return {
-        "kind": "estimator-fmu",
-        "file": str(path.absolute()),
-        **{name: [asdict(port) for port in each] for name, each in described.items()},
-        "variances": [asdict(port) for port in variances],
-        "nis": None if nis is None else scalar_variable(model, nis, f"{where}: nis").name,
-        "valid": dict(_table(content, "valid", where)),
-    }
+    return Observer(
+        **given,
+        variances=tuple(variances),
+        nis=None if nis is None else scalar_variable(model, nis, f"{where}: nis").name,
+        valid=dict(_table(content, "valid", where)),
+        parameters=parameters(model, _table(content, "parameters", where), where),
+    )
 
 
 def facts(model: FmuModel, interface: str) -> dict[str, str]:
