@@ -19,6 +19,7 @@ MODULES = {
     "estimator-library": "harness.external.estimators.library",
     "estimator-onnx": "harness.external.estimators.onnx",
     "estimator-fmu": "harness.external.fmu.estimators",
+    "estimator-fmu-belief": "harness.external.fmu.belief",
 }
 """Module by kind, which may be a module itself; its ``load(loader)`` returns a plant or an estimator."""
 

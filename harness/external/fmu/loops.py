@@ -299,3 +299,34 @@ def complete(version, f, instance, now, x, z, flags, words):
     if status > 1:
         return STEPPING, status, False
     return (TERMINATED if end else WHOLE), status, event_mode
+
+
+def many_ahead(version, f, instance, begin, h, substeps, tableau, u, in_refs, members):
+    """Send states a sample ahead, with inputs held: written over them ``(n, nx)``; returns the status."""
+    behind, weight = tableau
+    room = np.zeros((3, members.shape[1]))
+    status = set_reals(version, f, instance, in_refs, u)
+    for m in range(members.shape[0]):
+        x = members[m]
+        for s in range(substeps):
+            if status <= 1:
+                status = call(f[SET_TIME], (instance, begin + s * h))
+            if status <= 1:
+                status = call(f[SET_STATES], (instance, x, x.size))
+            if status <= 1:
+                status = integrate(f, instance, begin + s * h, h, behind, weight, x, room)
+    return status
+
+
+def many_outputs(version, f, instance, time, u, in_refs, members, out_refs, outputs):
+    """Read outputs ``(n, no)`` of states ``(n, nx)`` at a time; returns the status."""
+    status = set_reals(version, f, instance, in_refs, u)
+    if status <= 1:
+        status = call(f[SET_TIME], (instance, time))
+    for m in range(members.shape[0]):
+        x = members[m]
+        if status <= 1:
+            status = call(f[SET_STATES], (instance, x, x.size))
+        if status <= 1:
+            status = get_reals(version, f, instance, out_refs, outputs[m])
+    return status

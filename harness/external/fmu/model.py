@@ -82,6 +82,7 @@ class FmuModel:
             a program has to be installed, whether its state can be got and set.
         variables: By name.
         units: By name.
+        states: Variables that are continuous states, in their order.
         derivatives, indicators: Number of continuous states, and of event indicators.
         log_categories: Names.
         platforms: Of its binaries.
@@ -101,6 +102,7 @@ class FmuModel:
     keeps_state: frozenset[Interface]
     variables: Mapping[str, Variable]
     units: Mapping[str, BaseUnit]
+    states: tuple[str, ...]
     derivatives: int
     indicators: int
     log_categories: tuple[str, ...]
@@ -242,6 +244,7 @@ def _model(described: Any, files: list[str], path: Path) -> FmuModel:
         keeps_state=frozenset(n for n, part in offered.items() if part.canGetAndSetFMUstate),
         variables=variables,
         units={unit.name: _base(unit.baseUnit) for unit in described.unitDefinitions if unit.baseUnit is not None},
+        states=tuple(each.variable.derivative.name for each in described.derivatives if each.variable.derivative),
         derivatives=described.numberOfContinuousStates,
         indicators=described.numberOfEventIndicators,
         log_categories=tuple(category.name for category in described.logCategories),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -30,7 +30,14 @@ _CHECKED = 200
 @functools.cache
 def compiled() -> ModuleType:
     """Return the loops over time as compiled functions."""
-    return load_source("fmu", kernel_source("Loops over FMUs", [loops.co_simulate, loops.exchange, loops.observe]))
+    functions: list[Callable[..., Any]] = [
+        loops.co_simulate,
+        loops.exchange,
+        loops.observe,
+        loops.many_ahead,
+        loops.many_outputs,
+    ]
+    return load_source("fmu", kernel_source("Loops over FMUs", functions))
 
 
 class FmuPlant:
