@@ -93,18 +93,32 @@ def mutants(seed: int, count: int) -> list[dict[str, Any]]:
     for path in sorted(p for pattern in CODE for p in ROOT.glob(pattern)):
         text = path.read_bytes()
         starts = [0, *(m.end() for m in re.finditer(b"\n", text))]
-        for site in sites(ast.parse(text)):
+        tree = ast.parse(text)
+        within = {
+            line: function.name
+            for function in ast.walk(tree)
+            if isinstance(function, ast.FunctionDef)
+            for line in range(function.lineno, function.end_lineno + 1)
+        }
+        for site in sites(tree):
             first, last = starts[site.lineno - 1] + site.col_offset, starts[site.end_lineno - 1] + site.end_col_offset
             new = ast.unparse(ast.fix_missing_locations(mutated(site)))
             new = f"({new})" if isinstance(site, ast.expr) and not isinstance(site, ast.Constant) else new
             where, old = path.relative_to(ROOT).as_posix(), text[first:last].decode()
             content = text[:first] + new.encode() + text[last:]
-            mutants_found.append({"file": where, "line": site.lineno, "old": old, "new": new, "text": content})
+            about = {
+                "file": where,
+                "line": site.lineno,
+                "function": within.get(site.lineno, ""),
+                "old": old,
+                "new": new,
+            }
+            mutants_found.append(about | {"text": content})
     return random.Random(seed).sample(mutants_found, min(count, len(mutants_found)))
 
 
-def concerned(file: str) -> list[str]:
-    """Return the test files that concern a file, those first that are named after it, import it or speak of it."""
+def concerned(file: str, function: str = "") -> list[str]:
+    """Return the test files that concern a file, those first that name its function, are named after it or import it."""
     path = Path(file)
     module = ".".join(path.with_suffix("").parts).replace("models.", "harness.models.", file.startswith("models"))
     named, folder = re.compile(rf"\b{path.stem}\b"), path.parent.name
@@ -118,6 +132,7 @@ def concerned(file: str) -> list[str]:
     for test in sorted((ROOT / "tests").rglob("test_*.py")):
         text, where = test.read_text(encoding="utf-8"), test.relative_to(ROOT).as_posix()
         marks = (
+            function and path.stem in text and re.search(rf"\b{function}\b", text),
             test.stem.removeprefix("test_") == path.stem.strip("_"),
             re.search(
                 rf"\b{re.escape(module)}\b|from {re.escape(module.rpartition('.')[0])} import .*\b{path.stem}\b", text
@@ -184,7 +199,7 @@ def main() -> int:
         tree, file = trees.get(), mutant["file"]
         try:
             (tree / file).write_bytes(mutant.pop("text"))
-            by = run_tests(tree, concerned(file), given.limit)
+            by = run_tests(tree, concerned(file, mutant["function"]), given.limit)
             shutil.copyfile(ROOT / file, tree / file)
             if by not in ("", OUT_OF_TIME) and run_tests(tree, [by], given.limit):
                 by = ""  # it fails without the mutation as well

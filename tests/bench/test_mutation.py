@@ -16,6 +16,7 @@ def test_mutants_are_drawn_of_files_that_are_there(monkeypatch):
         before = (mutation.ROOT / mutant["file"]).read_bytes()
         assert ast.dump(ast.parse(mutant["text"])) != ast.dump(ast.parse(before)), mutant["file"]
         assert mutation.concerned(mutant["file"]), mutant["file"]
+    assert "tests/study/test_input_noise.py" in mutation.concerned("harness/common/statistics.py", "share_of_squares")
     monkeypatch.setattr(mutation, "CODE", (*mutation.CODE, "harness/moved/*.py"))
     with pytest.raises(UserError, match=r"no file is harness/moved/\*\.py"):
         mutation.mutants(0, 20)

@@ -202,6 +202,19 @@ def test_the_interval_of_a_ratio_covers_the_true_one():
     assert 184 <= hits <= 199  # 95 % of 200; a percentile interval of a median is a little wide
 
 
+@pytest.mark.parametrize(("worse", "better", "grown"), [(12, 0, True), (11, 1, True), (7, 5, False), (0, 12, False)])
+def test_an_error_grows_where_nearly_all_blocks_say_so(worse, better, grown):
+    """7 of 12 that grow by as much as 5 shrink: the mean of a resample is above zero in about 61 of 100 (binomial)."""
+    growth = np.array([0.4] * worse + [-0.4] * better + [np.nan])
+    assert statistics.grows(growth) == grown
+
+
+@pytest.mark.parametrize(("growth", "grown"), [(0.049, False), (0.051, True)])
+def test_an_error_that_grows_by_less_than_a_twentieth_does_not_count(growth, grown):
+    assert statistics.grows(np.full(10, growth)) == grown
+    assert not statistics.grows(np.array([np.nan]))
+
+
 def test_interval_of_a_large_sample_is_the_one_that_would_be_drawn(monkeypatch):
     rng = np.random.default_rng(3)
     sizes = (3_000, 5_000, 4_100)

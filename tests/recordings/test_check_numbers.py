@@ -8,6 +8,8 @@ import pytest
 import xarray as xr
 
 from harness.recordings.check import check_report, responses
+from harness.recordings.check.calibration import _SPREADS, _CauseEvidence, _Option
+from harness.recordings.check.causes import DELAY, DRIFT, OFFSET, SCALE, Cause, corrected
 from harness.recordings.check.explain import _NEAR, _shared
 from harness.recordings.motion import pose
 from harness.recordings.motion.consistency import Origin, SmoothedSignals, compare
@@ -100,3 +102,39 @@ def test_nine_of_ten_samples_along_the_heading_determine_the_course(monkeypatch,
     monkeypatch.setattr(pose, "_velocity", lambda signals, step: (along, np.where(along == 0.0, 2.0, 0.0)))
     signals = dict.fromkeys(pose.NEEDS, along) | {"speed": np.full(20, 2.0)}
     assert pose.unsigned_stretches(signals, 0.5) == ({"speed": [(0.0, 3.0)]} if determined else {})
+
+
+PLANTED = {
+    SCALE: lambda time: 1.1 * np.sin(time),
+    OFFSET: lambda time: np.sin(time) + 0.1,
+    DELAY: lambda time: np.sin(time - 0.1),
+    DRIFT: lambda time: np.sin(time - 0.1 * (time - time.mean()) / np.ptp(time)),
+}
+
+
+@pytest.mark.parametrize("kind", PLANTED)
+def test_what_a_cause_explains_is_taken_out(kind):
+    time = np.arange(0, 40, STEP)
+    recorded = {"yaw_rate": PLANTED[kind](time), "speed": np.sin(time)}
+    without = corrected([Cause(kind, ("yaw_rate",), 0.1, 0.0, 0.0, 1.0)], SmoothedSignals(recorded, STEP)).signals
+    np.testing.assert_allclose(without["yaw_rate"][50:-50], np.sin(time[50:-50]), atol=2e-4)
+    assert without["speed"] is recorded["speed"]
+
+
+@pytest.mark.parametrize(("sign", "value"), [(0, 0.7), (1, 0.7), (1, -0.7), (-1, 0.7)])
+def test_a_single_cause_is_as_probable_as_bayes_says(sign, value):
+    """One comparison of variance 0.04 with one cause of size 1: normal spreads are averaged, cut on a wrong side."""
+    design = np.zeros((1, len(responses.KINDS), 1))
+    design[0, responses.KINDS.index(SCALE)] = 1.0
+    response = responses.Response(np.array([value]), design, np.array([[0.04]]), np.array([[0.04]]))
+    evidence = _CauseEvidence([response], [_Option(SCALE, (0,), ("yaw_rate",), 0.3, 1.0, sign)])
+    scores = evidence._weighed()
+    step = 1e-4
+    size = np.arange(-8, 8, step) + step / 2
+    likely = 0.0
+    for spread in _SPREADS:
+        prior = np.exp(-(size**2) / 2 / spread**2) / spread / np.sqrt(2 * np.pi)
+        prior = prior if sign == 0 else 2 * prior * (sign * size > 0)
+        likely += step * (prior * np.exp(-((value - size) ** 2) / 2 / 0.04 + value**2 / 2 / 0.04)).sum() / len(_SPREADS)
+    odds = sum(np.exp(score - scores[()]) for chosen, score in scores.items() if chosen)
+    assert odds == pytest.approx(0.3 / 0.7 * likely, rel=1e-6)

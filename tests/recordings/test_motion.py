@@ -5,7 +5,7 @@ import pytest
 
 from harness.recordings import load_recording
 from harness.recordings.motion import kinematics
-from harness.recordings.motion.kinematics import local_polynomial
+from harness.recordings.motion.kinematics import DERIVED, Sources, local_polynomial
 from harness.recordings.read.resample import first_order_lag
 from support.weaving_car import CLOCK, STEP, TIME, drive, stored
 
@@ -107,3 +107,18 @@ def test_velocities_follow_from_positions(tmp_path):
     for name, tolerance in zip(derived, (1e-3, 1e-3, 1e-4, 2e-3, 2e-2), strict=True):
         np.testing.assert_allclose(found[name], truth[name][rows], atol=tolerance)
         assert found[name].attrs["derived"] == 1
+
+
+@pytest.mark.parametrize("name", [n for n in DERIVED if n in drive(TIME)])
+def test_a_signal_follows_from_each_set_of_others(name):
+    """Also where more is recorded, of which another set needs what is missing."""
+    exact = drive(TIME)
+    sets, compute = DERIVED[name]
+    for needs in sets:
+        for further in ("", "position_x", "heading", "yaw_rate", "lateral_velocity", "speed"):
+            there = {n: v for n, v in exact.items() if n in (*needs, further) and n != name}
+            derived = compute(Sources(there, STEP, 0.3))
+            scale = np.std(exact[name])
+            np.testing.assert_allclose(
+                derived[50:-50], exact[name][50:-50], atol=0.02 * scale, err_msg=str(there.keys())
+            )

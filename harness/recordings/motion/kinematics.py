@@ -126,7 +126,7 @@ def _velocity(s: Sources) -> tuple[Floats, Floats]:
 
 
 def _acceleration(s: Sources) -> tuple[Floats, Floats]:
-    if "position_x" in s.signals:
+    if all(name in s.signals for name in _POSE):
         return earth_to_vehicle(s.rate("position_x", 2), s.rate("position_y", 2), s["heading"])
     return acceleration_of_velocity(
         s["longitudinal_velocity"],
