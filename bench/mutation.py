@@ -118,7 +118,7 @@ def mutants(seed: int, count: int) -> list[dict[str, Any]]:
 
 
 def concerned(file: str, function: str = "") -> list[str]:
-    """Return the test files that concern a file, those first that name its function, are named after it or import it."""
+    """Return the test files that concern a file, those first that name its function or its name."""
     path = Path(file)
     module = ".".join(path.with_suffix("").parts).replace("models.", "harness.models.", file.startswith("models"))
     named, folder = re.compile(rf"\b{path.stem}\b"), path.parent.name

@@ -9,6 +9,7 @@ from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.report.probabilities import scaled
 from harness.diagnosis.report.summary import _certainty
 from harness.diagnosis.result.answer import gap, verdict_of
+from harness.diagnosis.selection import validation
 from harness.diagnosis.selection.acceptance import (
     Candidate,
     decide,
@@ -437,3 +438,11 @@ def test_frequencies_are_shown_in_hertz_and_rates_in_degrees():
     assert scaled("steering_lag", 0.048, "s") == (48.0, "ms")
     assert scaled("crosswind_onset", 12.0, "s") == (12.0, "s")
     assert scaled("sensor_bias_yaw_rate", np.pi, "rad/s") == (180.0, "°/s")
+
+
+def test_the_error_of_a_perfect_model_is_that_of_the_sensors_over_all_samples(monkeypatch):
+    """Of each output its noise, and what its samples spread: 0.09 + 0.16 throughout, 1 + 4 in 3 of 8 samples."""
+    monkeypatch.setattr(validation, "Fitting", lambda *_: None)
+    drives = [SimpleNamespace(spread=np.tile([0.16, s], (n, 1))) for s, n in ((0.0, 5), (4.0, 3))]
+    held_out = validation.HeldOut(None, drives, np.array([0.09, 1.0]))
+    np.testing.assert_allclose(held_out.floor, np.sqrt([0.25, 1.0 + 4.0 * 3 / 8]))
