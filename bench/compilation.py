@@ -1,7 +1,7 @@
 """Processor time that the kernels of a study take to compile, one after the other in one process.
 
 ``python -m bench.compilation`` compiles those of the mass study into an empty cache. ``--plain`` compiles them as numba
-does by itself (``harness.engine.simd.light_compilation``).
+does by itself (``harness.engine.simd.inner``).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from rich.console import Console
 
 from harness.common.arguments import Parser
 from harness.config import load_study
-from harness.engine.simd.light_compilation import RARE_COLLECTION
+from harness.engine.simd.inner import RARE_COLLECTION
 from harness.study.evaluate import StudyEvaluator
 
 

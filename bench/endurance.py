@@ -38,7 +38,7 @@ from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.estimation.contract import kernels_of, load_estimator
 from harness.runner.contract import InputSeries
 from harness.runner.filter_loop import step, workspace, write_covariance
-from harness.runner.limits import outside
+from harness.runner.simulation_loop import outside
 from harness.simulation.simulate import in_lanes
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator

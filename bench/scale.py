@@ -25,7 +25,7 @@ from harness.config import load_study
 from harness.study import checksums
 from harness.study.design import units
 from harness.study.evaluate import StudyEvaluator
-from harness.study.histories import histories
+from harness.study.run import histories
 from harness.study.store import STORE, Store, place_of
 
 STUDY = """

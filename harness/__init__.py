@@ -19,8 +19,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     __version__: str
-    from harness.api.check import Check as Check
-    from harness.api.check import check as check
     from harness.api.diagnosis import Diagnosis as Diagnosis
     from harness.api.drive import Drive as Drive
     from harness.api.drive import drive as drive
@@ -31,9 +29,11 @@ if TYPE_CHECKING:
     from harness.api.identification import identify as identify
     from harness.api.model import Model as Model
     from harness.api.model import model as model
-    from harness.api.observability import observability as observability
     from harness.api.realtime import RealTime as RealTime
     from harness.api.realtime import time_steps as time_steps
+    from harness.api.recordings import Check as Check
+    from harness.api.recordings import check as check
+    from harness.api.recordings import observability as observability
     from harness.api.recordings import read_recording as read_recording
     from harness.api.recordings import simulate as simulate
     from harness.api.remedy import Remedies as Remedies
@@ -55,16 +55,14 @@ if TYPE_CHECKING:
     from harness.common.errors import UserError as UserError
 
 _PLACES = {
-    "harness.api.check": ("Check", "check"),
     "harness.api.diagnosis": ("Diagnosis",),
     "harness.api.drive": ("Drive", "drive"),
     "harness.api.estimates": ("Estimates", "estimate"),
     "harness.api.estimator": ("Estimator",),
     "harness.api.identification": ("Identification", "identify"),
     "harness.api.model": ("Model", "model"),
-    "harness.api.observability": ("observability",),
     "harness.api.realtime": ("RealTime", "time_steps"),
-    "harness.api.recordings": ("read_recording", "simulate"),
+    "harness.api.recordings": ("Check", "check", "observability", "read_recording", "simulate"),
     "harness.api.remedy": ("Remedies", "try_remedies"),
     "harness.api.replay": ("Replay",),
     "harness.api.results": ("Results", "open_results"),

@@ -69,7 +69,7 @@ def test_no_function_is_too_long_or_has_too_many_parameters():
     ("path", "text", "limit"),
     [
         ("harness/cuda/loops.py", "def run(u, c): ...", float("inf")),
-        ("harness/cli/trace.py", "def trace(a: int): ...", PARAMETERS),
+        ("harness/cli/recordings.py", "def trace(a: int): ...", PARAMETERS),
         ("harness/study/run.py", "def run(a: int, *, b, **c): ...", PARAMETERS),
         ("harness/runner/simulation_loop.py", "def simulate(u, c): ...", OF_KERNELS),
         ("tests/test_it.py", "def test_it(u, c): ...", PARAMETERS),

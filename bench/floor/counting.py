@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numba.core.dispatcher import Dispatcher
 
-from harness.engine.simd import gather, lanes, memory, random
+from harness.engine.simd import lanes, memory, random
 
 counts: Counter[str] = Counter()
 """Operations by kind since it was last cleared: each on all lanes at once."""
@@ -150,7 +150,7 @@ _INTRINSICS: dict[Any, Callable[..., Any]] = {
     lanes.any_of: lambda mask: bool(np.any(mask.values)),
     lanes.power_of_two: lambda k: _called("add", np.ldexp(1.0, np.clip(_of(k), -1022, 1023).astype(int))),
     lanes.exponent_of: lambda x: _called("add", np.frexp(_of(x))[1] - 1.0),
-    gather.gather: _gather,
+    random.gather: _gather,
     memory.borrowed: lambda arrays: arrays,
     memory.retain: lambda arrays: None,
     random.next_words: lambda s0, s1: (_called("draw", 0.0), s0, s1),

@@ -67,7 +67,7 @@ def _source(kind: str, chains: int) -> str:
     lines = [
         f'"""The throughput of one operation ({kind})."""',
         "from numba import njit",
-        "from harness.engine.simd.gather import gather",
+        "from harness.engine.simd.random import gather",
         "from harness.engine.simd.lanes import floor, fma, get, put, select, sqrt",
         "from harness.engine.simd.random import next_words, normal_pair",
         "",

@@ -67,7 +67,7 @@ def look(path: Path) -> None:
     Raises:
         UserError: If one refuses it.
     """
-    from harness.study.progress import progress
+    from harness.study.plan import progress
     from harness.study.results import read
     from harness.study.verify import verify
 

@@ -14,7 +14,7 @@ from harness.models.signals import Signal
 from harness.runner.contract import Held, InputSeries
 from harness.runner.scores import Scoring
 from harness.simulation.simulate import in_lanes
-from harness.testing.small_vehicles import module
+from harness.testing.small_models import module
 
 STATES = ("place_1", "rate_1", "place_2", "rate_2")
 STEP = 0.1

@@ -59,8 +59,8 @@ def try_remedies(
         >>> remedies = h.try_remedies(study, "results/remedy-mass")  # doctest: +SKIP
         >>> print(remedies.answer)  # doctest: +SKIP
     """
+    from harness.remedy.run import traced_study
     from harness.remedy.run import try_remedies as run
-    from harness.remedy.traced import traced_study
 
     spec = study.spec if trace is None else traced_study(study.spec, Path(trace))
     out = Path("results") / f"remedy-{spec.name}" if folder is None else Path(folder)

@@ -22,20 +22,14 @@ import typer.core
 from rich.console import Console
 from rich.text import Text
 
-from harness.cli.estimate import estimate
 from harness.cli.guard import answered, guarded, place_of_output, show_tracebacks
-from harness.cli.identify import identify
+from harness.cli.models import observability, simulate
 from harness.cli.new import new
-from harness.cli.observability import observability
 from harness.cli.options import HERE, MOST, RESULTS, agree_to, place, study_path
 from harness.cli.outputs import refuse_unfit
-from harness.cli.realtime import realtime
-from harness.cli.remedy import remedy
-from harness.cli.simulate import simulate
-from harness.cli.stores import status, verify
-from harness.cli.trace import loop, trace
+from harness.cli.recordings import estimate, identify, loop, trace
+from harness.cli.studies import realtime, remedy, status, verify, view
 from harness.cli.tune import tune
-from harness.cli.view import view
 from harness.common.errors import UserError
 from harness.common.files import LIMITED, refuse_url
 from harness.common.places import is_url

@@ -13,8 +13,9 @@ import json
 import os
 import stat
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Hashable, Sequence
 from pathlib import Path
+from threading import Lock
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from harness.common import places
@@ -124,3 +125,32 @@ def kept(kind: str, key: str, make: Callable[[], _Value], codec: Codec[_Value]) 
         with contextlib.suppress(OSError):
             places.write(path, hashlib.sha256(content).digest() + content)
     return codec.decode(content)
+
+
+class LastUsed(Generic[_Value]):
+    """Values by key, of which those that were kept last stay.
+
+    Args:
+        most: How many stay; all that are kept at once do.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most, self._lock = most, Lock()
+        self._values: dict[Hashable, _Value] = {}
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+    def get(self, keys: Sequence[Hashable]) -> list[_Value | None]:
+        """Return the values of some keys, ``None`` where there is none."""
+        with self._lock:
+            return [self._values.get(key) for key in keys]
+
+    def keep(self, keys: Sequence[Hashable], values: Sequence[_Value]) -> None:
+        """Keep values, and forget those that were not used for longest."""
+        with self._lock:
+            for key, value in zip(keys, values, strict=True):
+                self._values.pop(key, None)  # the last used come last
+                self._values[key] = value
+            for key in list(self._values)[: -max(self._most, len(keys))]:
+                del self._values[key]

@@ -31,6 +31,10 @@ Where derivatives to inputs or parameters are asked for there are ``drift_input_
 the columns of ``H`` that may differ from zero, row by row, and then -1. Of a model with parameters among its states
 ``within_bounds(x, u, c, b)`` gives those states within the bounds of the parameters, ``PARAMETERS`` is their number,
 ``CONSIDERED`` says which of them are left alone, ``SLOPES_VARY`` which have an influence that depends on the states.
+
+The same kernels are compiled over lanes of another kind by their sources. A controller has one run: over lanes of width
+one they are scalar double-precision code of the same operations in the same order. Derivatives need seven digits: of
+single-precision numbers one register holds twice as many.
 """
 
 from __future__ import annotations
@@ -392,3 +396,29 @@ def model_source(eqs: Equations, step: float, integrator: str, substeps: int, ja
     # What all kernels above have asked for.
     parts.insert(1, f"CONDITIONS = {tuple(tuple(sorted(flags)) for flags in eqs.conditions)}")
     return "\n\n\n".join(parts) + "\n"
+
+
+SINGLES = 2 * lanes.LANES
+"""Single-precision numbers in a lane of ``over_singles``."""
+
+
+def in_one_lane(source: str) -> str:
+    """Return the source of a kernel module over lanes of width one, and of everything it is written over."""
+    return written_over(source, _exchange("one_lane", 1, "float64"))
+
+
+def over_singles(source: str) -> str:
+    """Return the source of a kernel module over ``SINGLES`` single-precision numbers in every lane.
+
+    Its arrays of lanes are of ``float32``, and of functions there is what ``lanes`` has but those of exponents.
+    """
+    return written_over(source, _exchange("singles", SINGLES, "float32"))
+
+
+@functools.cache
+def _exchange(name: str, width: int, number: str) -> Exchange:
+    source = inspect.getsource(lanes)
+    for line, other in ((r"LANES = \d+", f"LANES = {width}"), (r"NUMBER = types\.\w+", f"NUMBER = types.{number}")):
+        source, count = re.subn(rf"^{line}$", other, source, flags=re.MULTILINE)
+        assert count == 1
+    return Exchange({lanes: load_source(name, source), kernel_names: kernel_names}, any_code=True)

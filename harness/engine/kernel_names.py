@@ -22,7 +22,6 @@ from harness.engine.simd.functions import (
     tan,
     tanh,
 )
-from harness.engine.simd.gather import gather
 from harness.engine.simd.lanes import (
     LANES,
     absolute,
@@ -48,7 +47,7 @@ from harness.engine.simd.linalg import (
     sigma_mean,
     sigma_update,
 )
-from harness.engine.simd.random import next_words, normal_pair, uniform
+from harness.engine.simd.random import gather, next_words, normal_pair, uniform
 
 __all__ = [
     "CONSIDERED", "INPUT_ERRORS", "LANES", "LEADING", "NS", "NU", "NW", "NX", "NY", "OUTPUTS_ARE_LINEAR", "PARAMETERS",

@@ -56,7 +56,6 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict
 
 from harness.config.roles import ESTIMATORS
-from harness.engine import parameter_loops
 from harness.engine.kernel_names import INPUT_ERRORS
 from harness.runner import filter_loop
 
@@ -120,6 +119,6 @@ def kernels_of(file: SimpleNamespace, input_errors: bool = False, parameters: bo
         filter_loop.write_covariance: file.write_covariance,
     }
     if parameters:
-        by_gain = parameter_loops.settle_parameters if file.KALMAN_TYPE else parameter_loops.bound_parameters
+        by_gain = filter_loop.settle_parameters if file.KALMAN_TYPE else filter_loop.bound_parameters
         kernels[filter_loop.settle] = by_gain
     return kernels

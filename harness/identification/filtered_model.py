@@ -20,8 +20,8 @@ import numpy as np
 import xarray as xr
 
 from harness.common.arrays import Floats
+from harness.common.cache import LastUsed
 from harness.common.errors import UserError
-from harness.common.last_used import LastUsed
 from harness.common.registry import closest
 from harness.config import InputSignal, ModelSpec
 from harness.engine.compile import compile_model, load_source, paste

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from harness.common.arrays import Floats, Mask
-from harness.common.last_used import LastUsed
+from harness.common.cache import LastUsed
 from harness.engine.simd.lanes import LANES
 from harness.identification.coordinates import Coordinates
 from harness.identification.data import DriveData

@@ -28,8 +28,7 @@ from harness.engine.kernel_names import (
     splat,
 )
 from harness.identification.data import DriveData, started_by
-from harness.runner.limits import outside
-from harness.runner.simulation_loop import FREE, record_start, record_state, run_vehicle, state_room
+from harness.runner.simulation_loop import FREE, outside, record_start, record_state, run_vehicle, state_room
 
 ValuesByDrive = Mapping[str, Mapping[str, float]]
 """Values of parameters that differ between recordings, by the name of the recording."""

@@ -38,8 +38,7 @@ from harness.runner.filter_loop import (
     recording_room,
     run_filter,
 )
-from harness.runner.limits import outside
-from harness.runner.simulation_loop import FREE, record_start, record_state, run_vehicle, state_room
+from harness.runner.simulation_loop import FREE, outside, record_start, record_state, run_vehicle, state_room
 
 
 def innovate(source, belief, first, limits, total, notes):

@@ -18,9 +18,8 @@ from harness.common.errors import UserError
 from harness.common.process import forced_switches
 from harness.common.registry import closest
 from harness.config import DesignSpec, StudySpec
-from harness.engine.compile import CompiledModel, load_source, paste
+from harness.engine.compile import CompiledModel, in_one_lane, load_source, paste
 from harness.engine.kernel_names import Belief, Info, State
-from harness.engine.lane_kinds import in_one_lane
 from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.estimation.contract import kernels_of, load_estimator
 from harness.realtime import timed_loop

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -14,19 +14,20 @@ from rich.console import Console
 from rich.text import Text
 
 from harness.common.errors import ModelError, UserError
+from harness.common.files import parse_toml
 from harness.common.lock import locked
 from harness.common.places import inside
 from harness.common.stages import showing
-from harness.config import StudySpec
+from harness.config import StudySpec, build_study
 from harness.config.self_contained import without_files
+from harness.diagnosis.result.study_gain import REPEATS, bare_tables, change_times
 from harness.engine.simd.lanes import LANES
 from harness.estimation.contract import load_estimator
 from harness.realtime.measure import contestants, measure
 from harness.realtime.outcome import PACES
-from harness.remedy import choices, traced
-from harness.remedy.choices import AS_IT_IS, Equipment, Remedy
-from harness.remedy.judge import RemedyOutcome, best, harm, judged
-from harness.remedy.promise import Promise, promises
+from harness.remedy import choices
+from harness.remedy.choices import AS_IT_IS, Equipment, Remedy, adapted
+from harness.remedy.judge import Promise, RemedyOutcome, best, harm, judged, promises
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
 from harness.study.report.ranking import Ranking
@@ -109,7 +110,7 @@ def try_remedies(
         UserError: If the study has no parameter that drives the error, or no such estimator.
     """
     console = console or Console(stderr=True)
-    name, is_traced = _estimator(study, estimator), not choices.parameters(study) and bool(traced.named(study))
+    name, is_traced = _estimator(study, estimator), not choices.parameters(study) and bool(named(study))
     if not is_traced:
         choices.main_design(study)
     tunable = load_estimator(_kind(study, name)).HAS_COVARIANCE
@@ -180,8 +181,8 @@ def _against_effects(study: StudySpec, estimator: str, most: int) -> _Plan:
     """Return what is to be tried against effects that the belief lacks; the equipments are those of fewest signals."""
     chosen = sorted(_of_use(study)[0], key=lambda e: len(e.added))[:most]
     file = load_estimator(_kind(study, estimator))
-    further = list(traced.remedies(chosen, file.KALMAN_TYPE, file.HAS_COVARIANCE))
-    return _Plan(tuple(traced.named(study)), further, {}, {})
+    further = list(remedies(chosen, file.KALMAN_TYPE, file.HAS_COVARIANCE))
+    return _Plan(tuple(named(study)), further, {}, {})
 
 
 def _more_estimated(
@@ -313,3 +314,57 @@ def _of_use(study: StudySpec) -> tuple[list[Equipment], list[Equipment]]:
     equipments = choices.equipments(study)
     measuring = [e for e in equipments if set(e.added) & set(study.targets)]
     return [e for e in equipments if e not in measuring], measuring
+
+
+def traced_study(study: StudySpec, folder: Path) -> StudySpec:
+    """Return the drives, targets, sensors and estimators of a study with the plant that a trace amended.
+
+    The belief is the nominal model; each has the noise that was fitted with it. Nothing else is varied. Changes, which
+    have a time in each recording, are spread over the shortest drive.
+
+    Args:
+        study: Of the traced vehicle.
+        folder: That ``harness trace`` wrote, with ``nominal.toml`` and ``amended.toml``.
+
+    Raises:
+        UserError: If the trace named nothing, or the study is of another vehicle.
+    """
+    files = {"plant": folder / "amended.toml", "belief": folder / "nominal.toml"}
+    for path in files.values():
+        if not path.is_file():
+            raise UserError(f"--trace {folder}: there is no {path.name}: the trace named no effect, or it is no trace")
+    table = bare_tables(parse_toml(study.text, str(study.path)), [e.kind for e in study.estimators], REPEATS)
+    for side, path in files.items():
+        table[side]["parameters"] = str(path.resolve())
+    table["name"] += f"-{folder.name}"
+    table["design"] = [{"name": "traced", "repeats": REPEATS}]
+    changed = build_study(table, study.path)
+    if times := change_times(changed.plant, changed):
+        table["plant"]["values"] = times
+        changed = build_study(table, study.path)
+    if not named(changed):
+        raise UserError(f"--trace {folder}: its amended model has no effect that the nominal one lacks")
+    return changed
+
+
+def named(study: StudySpec) -> list[str]:
+    """Return the effects that only the plant has."""
+    return [e for e in study.plant.effects if e not in study.belief.effects]
+
+
+def remedies(chosen: Sequence[Equipment], considers: bool, tunable: bool) -> Iterator[Remedy]:
+    """Return what needs no model of the effect: other noise, other filters, and measuring more with each of these.
+
+    Args:
+        chosen: Equipments to try.
+        considers: Whether the estimator is of the Kalman type, in whose place others may stand.
+        tunable: Whether the estimator believes noise.
+    """
+    for equipment in (None, *chosen):
+        if equipment is not None:
+            yield Remedy(equipment=equipment)
+        elif tunable:
+            yield Remedy(tuned=True)
+        if considers:
+            for kind in adapted():
+                yield Remedy(adapted=kind, equipment=equipment)

@@ -13,7 +13,7 @@ from harness.common.arrays import Floats
 from harness.engine.kernel_names import LANES, NS, NX, NY, Belief, State, put, signals, signals_jacobian
 from harness.runner.contract import Filter, History, Recorder
 from harness.runner.filter_loop import record_first, record_sample, recording_room, run_filter, write_covariance
-from harness.runner.limits import outside
+from harness.runner.simulation_loop import outside
 
 
 def follow_filter(source, belief, first, limits, rows, kept):

@@ -36,7 +36,7 @@ from harness.engine.kernel_names import (
 )
 from harness.runner.contract import Filter, History, Recorder
 from harness.runner.filter_loop import record_first, record_sample, recording_room, run_filter, write_covariance
-from harness.runner.limits import LARGEST, outside, surprised, undefined
+from harness.runner.simulation_loop import LARGEST, outside, surprised, undefined
 
 NEES_EVERY = 10
 """Samples between two evaluations of the NEES; neighbouring samples hardly add to it."""

@@ -23,8 +23,8 @@ from harness.models.contracts import DRIVE_INPUTS, Profile
 from harness.models.drives._shapes import lateral_acceleration
 from harness.models.quantities import listed
 from harness.runner.contract import Batch, Filter, Held, Signals, Simulator
-from harness.runner.limits import LARGEST
 from harness.runner.scores import Scores
+from harness.runner.simulation_loop import LARGEST
 from harness.simulation.drives import context_of, profile_of
 from harness.simulation.external_plant import ExternalPlant
 from harness.simulation.simulate import CompiledSimulator, first_state, in_lanes, input_table

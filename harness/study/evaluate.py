@@ -32,8 +32,7 @@ from harness.study.compiled_study import (
     scale_noise,
 )
 from harness.study.design import Unit, points
-from harness.study.noisy_inputs import NoisyInputs
-from harness.study.run_noise import Case, Cases, RunNoise, in_whole_batches
+from harness.study.run_noise import Case, Cases, NoisyInputs, RunNoise, in_whole_batches
 from harness.study.score_names import (
     ESTIMATOR_DIVERGED,
     LOST_CONTROL,

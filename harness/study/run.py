@@ -19,6 +19,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 import joblib
+import numpy as np
+import xarray as xr
 from rich.console import Console
 from rich.progress import MofNCompleteColumn, ProgressColumn, Task, TextColumn, TimeRemainingColumn
 from rich.text import Text
@@ -29,14 +31,17 @@ from harness.common.lock import Lock, locked
 from harness.common.places import reached
 from harness.common.process import peak_memory_mib
 from harness.common.stages import bar
-from harness.config import StudySpec
+from harness.config import HistorySpec, StudySpec
 from harness.config.specs import Device
 from harness.engine.further_processes import Compiles, compile_all
+from harness.runner.contract import Batch
+from harness.runner.scores import Scores
 from harness.study import devices, run_file
 from harness.study.checksums import described
 from harness.study.design import Unit, planned_runs, units
 from harness.study.devices import device
 from harness.study.evaluate import StudyEvaluator
+from harness.study.run_noise import Case
 from harness.study.sealed_root import is_there
 from harness.study.store import STORE, Store, discard
 
@@ -44,6 +49,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
     from harness.study.plan import Plan
+
 
 _WORTH = 3
 """Missing kernels for each further process: its start takes as long as the compilation of one.
@@ -212,7 +218,7 @@ def _run(
         write_files(out, {run_file.FILE: json.dumps(record, indent=1) + "\n"})
     assert store is not None
     if todo or not store.has_histories:
-        from harness.study.histories import histories
+        from harness.study.run import histories
 
         store.write_histories(histories(evaluator()))
     lock.check()
@@ -307,3 +313,80 @@ def _in_threads(evaluator: StudyEvaluator, store: Store, todo: Sequence[Unit], j
     parallel = joblib.Parallel(n_jobs=jobs, backend="threading", return_as="generator_unordered", batch_size=1)
     finished: Iterator[Unit] = parallel(joblib.delayed(work)(unit) for unit in todo)
     return finished
+
+
+def histories(evaluator: StudyEvaluator) -> list[xr.Dataset]:
+    """Return the runs a study wants drawn over time.
+
+    Where the plant lacks a signal its truth is NaN; so is an estimate from its divergence on, and everything from
+    where the plant leaves its range.
+    """
+    return [_history(evaluator, wanted) for wanted in evaluator.study.history]
+
+
+def _history(evaluator: StudyEvaluator, wanted: HistorySpec) -> xr.Dataset:
+    study, compiled = evaluator.study, evaluator.compiled
+    names = [d.name for d in study.drives]
+    design = next(i for i, d in enumerate(study.designs) if d.name == wanted.design)
+    unit = Unit(design, wanted.band, names.index(wanted.drive), wanted.sample, wanted.sample + 1)
+    case = [Case(wanted.sample, wanted.repeat)]
+    batch, believed = evaluator.simulate(unit, case), evaluator.held(unit, case, "belief")
+    runs = [evaluator.estimate(e, unit, case, batch, believed, keep=True) for e in range(len(compiled.estimators))]
+    shown = list(dict.fromkeys([*study.targets, *study.belief.unknown_inputs, *wanted.signals]))
+    truth, kept, gone = _over_time(evaluator, shown, batch, runs)
+    drive = compiled.drives[unit.drive]
+    dataset = xr.Dataset(
+        {
+            "truth": (("time", "target"), truth),
+            "estimate": (("time", "estimator", "target"), kept[:, :, 0]),
+            "std": (("time", "estimator", "target"), kept[:, :, 1]),
+        },
+        coords={
+            "time": drive.profile.time,
+            "estimator": [e.name for e in study.estimators],
+            "target": shown,
+        },
+    )
+    measurements = compiled.measured(batch.measurements)
+    for i, output in enumerate(compiled.belief.model.outputs):
+        if output in shown:  # sensors name an output after what it measures
+            values = np.where(gone, np.nan, measurements[:, i, 0])
+            dataset[f"measured_{output}"] = ("time", values, {"variance": believed.measurement_noise[i, 0]})
+    stated = [e.has_covariance for e in compiled.estimators]
+    dataset["std"] = dataset["std"].where(xr.DataArray(stated, dims="estimator"))
+    for i, name in enumerate(evaluator.study.plant.model().inputs):
+        dataset[f"input_{name}"] = ("time", drive.plant[:, i, 0])
+    rmse = {
+        e.name: {t: float(r.rmse[i, 0]) for i, t in enumerate(study.targets)}
+        for e, r in zip(study.estimators, runs, strict=True)
+    }
+    dataset.attrs = {
+        "name": wanted.name,
+        "design": wanted.design,
+        "band_label": study.designs[design].band_labels[wanted.band],
+        "drive": wanted.drive,
+        "repeat": wanted.repeat,
+        "rmse": rmse,
+    }
+    return dataset
+
+
+def _over_time(
+    evaluator: StudyEvaluator, shown: list[str], batch: Batch, runs: list[Scores]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return truth ``(samples, shown)``, estimates and deviations ``(samples, estimator, 2, shown)``, and what is gone.
+
+    The last is true from the sample on at which the plant leaves its range.
+    """
+    compiled = evaluator.compiled
+    truth = np.full((len(batch.truth), len(shown)), np.nan)
+    for i, name in enumerate(shown):
+        if name in compiled.truth_names:
+            truth[:, i] = batch.truth[:, compiled.truth_names.index(name), 0]
+    places = [compiled.signals.index(name) for name in shown]
+    kept = np.stack([r.kept[:, :, places, 0] for r in runs if r.kept is not None], axis=1)
+    sample = np.arange(len(kept))[:, None]
+    gone = sample[:, 0] >= batch.left_at[0]
+    kept[(sample >= [r.diverged_at[0] for r in runs]) | gone[:, None]] = np.nan
+    truth[gone] = np.nan
+    return truth, kept, gone

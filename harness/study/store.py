@@ -28,8 +28,8 @@ from harness.config import StudySpec
 from harness.study import checksums, sealed_root
 from harness.study.checksums import HISTORY, Fault
 from harness.study.design import Unit, unit_counts, unit_shape
-from harness.study.differences import differences
 from harness.study.layout import as_text, create, root_attributes, words
+from harness.study.provenance import differences
 from harness.study.score_names import OVER_TIME, PENDING, STATUS
 
 if TYPE_CHECKING:

@@ -17,8 +17,8 @@ from harness.common.places import is_url
 from harness.config import StudySpec, build_study
 from harness.models.drive_options import options_of
 from harness.models.quantities import listed
-from harness.study.differences import differences
 from harness.study.layout import root_attributes
+from harness.study.provenance import differences
 from harness.study.replay import Place, Replayed, Replayer
 from harness.study.score_names import OVER_TIME, PENDING, STATUS
 from harness.study.sealed_root import told_as_no_store

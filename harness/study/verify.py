@@ -20,9 +20,9 @@ from harness.study import run_file, sealed_root
 from harness.study.checksums import Fault, finished
 from harness.study.design import Unit, units
 from harness.study.devices import device
-from harness.study.differences import differences
 from harness.study.evaluate import StudyEvaluator
 from harness.study.layout import root_attributes
+from harness.study.provenance import differences
 from harness.study.score_names import OVER_TIME
 from harness.study.store import STORE, place_of
 

@@ -11,13 +11,11 @@ Each takes the name of a component, wherever it comes from (``docs/plugins.md``)
 ``AssertionError`` that says what is wrong. Our own components are checked by the same functions.
 """
 
+from harness.testing.data_files import check_parameter_set, check_reader, check_sensors
 from harness.testing.drives import check_drive
 from harness.testing.effects import check_effect
 from harness.testing.estimators import check_estimator
-from harness.testing.parameters import check_parameter_set
 from harness.testing.parts import ContractError
-from harness.testing.readers import check_reader
-from harness.testing.sensors import check_sensors
 from harness.testing.tyres import check_tyre
 from harness.testing.vehicles import check_vehicle
 

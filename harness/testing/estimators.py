@@ -19,9 +19,8 @@ from harness.estimation.contract import load_estimator
 from harness.runner.contract import Held, InputSeries
 from harness.runner.scores import Scoring
 from harness.simulation.simulate import in_lanes, variances
-from harness.testing.linear_filter import P0, STEP, Q, R, compiled_linear, drive_linear, textbook
 from harness.testing.parts import named, require
-from harness.testing.small_vehicles import curved
+from harness.testing.small_models import P0, STEP, Q, R, compiled_linear, curved, drive_linear, textbook
 
 SETTINGS: Mapping[str, Any] = {}
 

@@ -21,10 +21,9 @@ from harness.study.report import analyse
 from harness.study.report.analysis import Analysis
 from harness.study.report.opening import answer_in_short
 from harness.view import looks
-from harness.view.beside import Beside, Slot, arranged, beside
+from harness.view.beside import Beside, ChosenBoxes, Slot, arranged, beside
 from harness.view.box_figure import Across, BoxFigure
 from harness.view.boxes import SCORES, Box, run_in_words, sorted_box, unit_of
-from harness.view.chosen_boxes import ChosenBoxes
 from harness.view.frame import Part, address_bar, arguments_of, index_of, indices_of, line, put_parts, said
 from harness.view.tables import table
 

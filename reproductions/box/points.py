@@ -17,8 +17,8 @@ from harness.common import sources
 from harness.common.arrays import Floats
 from harness.study.design import units
 from harness.study.evaluate import StudyEvaluator
-from harness.study.histories import histories
 from harness.study.provenance import engine_hash
+from harness.study.run import histories
 from reproductions.box import studies
 from reproductions.box.factors import FACTORS, place_of, settings
 from reproductions.kept import Parts, state_of

@@ -14,10 +14,8 @@ from typer.testing import CliRunner
 
 import harness as h
 from harness.cli.declared import takes
-from harness.cli.estimate import EstimateOptions
-from harness.cli.identify import IdentifyOptions
 from harness.cli.main import RENAMED, app
-from harness.cli.trace import TraceOptions
+from harness.cli.recordings import EstimateOptions, IdentifyOptions, TraceOptions
 from harness.common.errors import UserError
 
 COMMANDS = typer.main.get_command(app).commands

@@ -8,8 +8,8 @@ import pytest
 import xarray as xr
 from typer.testing import CliRunner
 
-from harness.cli.estimate import _estimator
 from harness.cli.main import app
+from harness.cli.recordings import _estimator
 from harness.common.errors import UserError
 from harness.recordings.read.write import write_recording
 from support.identification import CAR, model_of, recorded

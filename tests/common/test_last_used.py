@@ -1,6 +1,6 @@
 """What was used last stays, and what was not used for longest goes."""
 
-from harness.common.last_used import LastUsed
+from harness.common.cache import LastUsed
 
 
 def test_the_last_used_stay_and_all_that_are_kept_at_once_do():

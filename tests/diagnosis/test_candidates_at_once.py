@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from harness.common.last_used import LastUsed
+from harness.common.cache import LastUsed
 from harness.diagnosis.criteria import BIC_NEEDED, HOPEFUL
 from harness.diagnosis.fitting import FittedHypothesis, Fitting
 from harness.diagnosis.model.hypotheses import hypotheses

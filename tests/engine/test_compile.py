@@ -13,7 +13,7 @@ from harness.engine.simd.lanes import LANES
 from harness.models.assembly.assemble import assemble, symbol
 from harness.models.parameters import ziaukas_2023 as reference
 from harness.simulation.simulate import in_lanes
-from harness.testing.small_vehicles import curved, linear
+from harness.testing.small_models import curved, linear
 
 SCALE = np.array([0.3, 0.1, 0.3, 0.1, 0.2, 5e3, 5e3, 5e3, 5e3, 5e3, 1.0])
 CHOSEN = ("trailer_mass", "tractor_yaw_inertia", "friction", "relaxation_length_2", "trailer_cog_from_rear")

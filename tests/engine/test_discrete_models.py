@@ -12,7 +12,7 @@ from harness.estimation.observability import _simulate
 from harness.models.assembly.assemble import assemble
 from harness.models.contracts import Profile
 from harness.simulation.simulate import in_lanes
-from harness.testing.small_vehicles import module
+from harness.testing.small_models import module
 from support.small_maps import discrete
 
 

@@ -12,7 +12,7 @@ from harness.engine.simd import (
 from harness.engine.simd import (
     functions as lane_math,
 )
-from harness.testing.small_vehicles import curved
+from harness.testing.small_models import curved
 
 N = lanes.LANES
 FUNCTIONS = {

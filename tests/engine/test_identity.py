@@ -12,7 +12,7 @@ from harness.engine import compile as compiler
 from harness.engine.codegen.identity import identity
 from harness.models.assembly.assemble import assemble
 from harness.models.assembly.expressions import larger, smaller
-from harness.testing.small_vehicles import linear
+from harness.testing.small_models import linear
 
 TOLD = """
 import hashlib

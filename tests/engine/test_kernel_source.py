@@ -14,9 +14,8 @@ import pytest
 import harness.estimation.methods
 from harness.common.errors import ModelError
 from harness.engine import kernel_names
-from harness.engine.compile import compile_model, over_duals, paste
+from harness.engine.compile import compile_model, in_one_lane, over_duals, paste
 from harness.engine.kernel_source import kernel_source
-from harness.engine.lane_kinds import in_one_lane
 from harness.engine.simd import (
     dual as dual_lanes,
 )
@@ -31,8 +30,7 @@ from harness.estimation.contract import kernels_of, load_estimator
 from harness.estimation.methods import _sigma_points, ukf
 from harness.runner import scores
 from harness.runner.filter_loop import BATCH
-from harness.testing.linear_filter import compiled_linear
-from harness.testing.small_vehicles import linear
+from harness.testing.small_models import compiled_linear, linear
 
 ROOT = Path(__file__).parents[2]
 
@@ -123,7 +121,7 @@ def test_machine_code_for_plain_lanes_is_refused_over_duals(write):
             r"uses 'NX', which the module .* not define",
         ),
         (
-            "from harness.runner import limits as loops\ndef f(x):\n    loops.outside(x)\n",
+            "from harness.runner import simulation_loop as loops\ndef f(x):\n    loops.outside(x)\n",
             r"'loops.outside', a function to be imported",
         ),
         (
@@ -183,14 +181,14 @@ RUN = """
 import sys
 import numpy as np
 sys.path.insert(0, sys.argv[1])
-from harness.testing.small_vehicles import linear
+from harness.testing.small_models import linear
 from harness.common import sources
 from harness.study import evaluate
 from harness.engine.compile import compile_model, load_source, paste
 from harness.estimation.contract import kernels_of, load_estimator
 from harness.estimation.methods import ukf
 from harness.identification import time_loops as kernels
-from harness.engine.lane_kinds import in_one_lane
+from harness.engine.compile import in_one_lane
 
 plain, duals = (compile_model(linear(), 0.05, signals=("beta_test",), duals=d) for d in (False, True))
 given = kernels_of(load_estimator("ukf"))

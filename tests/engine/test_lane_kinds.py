@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from harness.engine.compile import load_source
+from harness.engine.compile import SINGLES, load_source, over_singles
 from harness.engine.kernel_source import kernel_source
-from harness.engine.lane_kinds import SINGLES, over_singles
 from harness.engine.simd.lanes import LANES, get, put, select, sqrt
 
 

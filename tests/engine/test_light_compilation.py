@@ -9,8 +9,8 @@ from numba import literal_unroll, njit
 from numba.core import event, ir, types
 from numba.core.errors import TypingError
 
+from harness.engine.simd.inner import compile_lightly
 from harness.engine.simd.lanes import get, put
-from harness.engine.simd.light_compilation import compile_lightly
 
 VECTORS = types.Array(types.float64, 2, "C")
 

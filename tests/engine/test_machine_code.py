@@ -15,7 +15,7 @@ from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.models.assembly.assemble import assemble
 from harness.runner.contract import Held, InputSeries
 from harness.runner.scores import Scoring
-from harness.testing.linear_filter import P0, compiled_linear
+from harness.testing.small_models import P0, compiled_linear
 
 X = types.Array(types.float64, 2, "C")
 P = types.Array(types.float64, 3, "C")

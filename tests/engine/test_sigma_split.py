@@ -4,15 +4,14 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from harness.engine.codegen.derivatives import derive
-from harness.engine.codegen.lift import Lift
-from harness.engine.codegen.sigma_split import sigma_split
+from harness.engine.codegen.derivatives import Lift, derive
+from harness.engine.codegen.integrators import sigma_split
 from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
 from harness.models.assembly.assemble import assemble
 from harness.models.parameters import ziaukas_2023
 from harness.simulation.simulate import in_lanes
-from harness.testing.small_vehicles import module
+from harness.testing.small_models import module
 
 SCALE = np.array([0.3, 0.1, 0.3, 0.1, 0.2, 5e3, 5e3, 5e3, 5e3, 5e3, 1.0])
 

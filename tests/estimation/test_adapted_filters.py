@@ -5,7 +5,7 @@ import pytest
 
 from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.simulation.simulate import in_lanes
-from harness.testing.linear_filter import P0, Q, R, compiled_linear, drive_linear
+from harness.testing.small_models import P0, Q, R, compiled_linear, drive_linear
 
 
 @pytest.fixture(scope="module")

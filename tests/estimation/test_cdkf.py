@@ -10,7 +10,7 @@ from harness.engine.simd.lanes import LANES
 from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.estimation.methods import cdkf, st_cdkf
 from harness.simulation.simulate import in_lanes
-from harness.testing.small_vehicles import curved, linear
+from harness.testing.small_models import curved, linear
 from support.small_maps import discrete, disguised, linear_in_disguise, quadratic, squared_output
 from support.stepping import Stepper, textbook
 

@@ -6,7 +6,7 @@ import pytest
 from harness.common.errors import UserError
 from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.testing.estimators import Ground, step_through
-from harness.testing.linear_filter import P0, Q, R, compiled_linear, drive_linear, textbook
+from harness.testing.small_models import P0, Q, R, compiled_linear, drive_linear, textbook
 
 
 def stepped(members, u, y, **settings):

@@ -8,7 +8,7 @@ import sympy as sp
 
 from harness.models.assembly.assemble import assemble
 from harness.models.parameters import kit_2015a, kit_2015b
-from harness.testing.small_vehicles import RATE, curved, module
+from harness.testing.small_models import RATE, curved, module
 from support.small_maps import discrete
 from support.stepping import Stepper, textbook
 

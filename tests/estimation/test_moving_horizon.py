@@ -7,8 +7,7 @@ from scipy.optimize import least_squares
 from harness.engine.compile import compile_model
 from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.testing.estimators import Ground, step_through
-from harness.testing.linear_filter import P0, STEP, Q, R, compiled_linear, drive_linear, textbook
-from harness.testing.small_vehicles import curved
+from harness.testing.small_models import P0, STEP, Q, R, compiled_linear, curved, drive_linear, textbook
 from support.oscillator import VALUES, compiled, drive, mass, run
 
 

@@ -12,7 +12,7 @@ from harness.models.assembly.parameter_states import ParameterState, with_parame
 from harness.models.contracts import Parameter
 from harness.models.signals import SIGNALS, Signal
 from harness.simulation.simulate import in_lanes
-from harness.testing.small_vehicles import RATE, module
+from harness.testing.small_models import RATE, module
 from support.oscillator import P0, PUSH, SAMPLES, STEP, VALUES, Q, R, compiled, drive, mass, push, run, vehicle
 
 
@@ -136,7 +136,7 @@ def test_kernels_are_the_same_where_no_parameter_is_a_state():
     from harness.engine.codegen.derivatives import derive
     from harness.engine.compile import model_source
     from harness.estimation.contract import kernels_of, load_estimator
-    from harness.testing.small_vehicles import linear
+    from harness.testing.small_models import linear
 
     source = model_source(derive(linear()), STEP, "euler", 1)
     assert "within_bounds" not in source

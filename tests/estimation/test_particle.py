@@ -8,8 +8,8 @@ from numba import njit
 
 from harness.common.errors import UserError
 from harness.config.specs import CountFrom
-from harness.engine.simd.gather import gather
 from harness.engine.simd.lanes import LANES, get, put
+from harness.engine.simd.memory import gather
 from harness.engine.simd.random import generator_words
 from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.runner.contract import Held, InputSeries
@@ -17,7 +17,7 @@ from harness.runner.scores import Scoring
 from harness.simulation.simulate import in_lanes
 from harness.study.design import Unit
 from harness.study.run_noise import Case, RunNoise
-from harness.testing.linear_filter import P0, Q, R, compiled_linear, drive_linear, textbook
+from harness.testing.small_models import P0, Q, R, compiled_linear, drive_linear, textbook
 
 SCHEMES = ("systematic", "stratified", "multinomial", "residual")
 SEEDS = [np.random.SeedSequence(5, spawn_key=(lane,)) for lane in range(LANES)]

@@ -15,7 +15,7 @@ from harness.estimation.particle_smoother import (
     simulate_backward,
 )
 from harness.simulation.simulate import in_lanes
-from harness.testing.linear_filter import P0, STEP, Q, R, compiled_linear, drive_linear, textbook
+from harness.testing.small_models import P0, STEP, Q, R, compiled_linear, drive_linear, textbook
 
 SEEDS = [np.random.SeedSequence(9, spawn_key=(lane,)) for lane in range(LANES)]
 

@@ -7,7 +7,7 @@ from scipy import integrate, optimize
 from harness.common.errors import UserError
 from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.testing.estimators import Ground, step_through
-from harness.testing.linear_filter import P0, Q, R, compiled_linear, drive_linear
+from harness.testing.small_models import P0, Q, R, compiled_linear, drive_linear
 
 HUBER, STUDENT = {"threshold": 1.345, "iterations": 100}, {"degrees": 4.0, "iterations": 100}
 

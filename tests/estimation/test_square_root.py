@@ -10,8 +10,7 @@ from harness.engine.compile import compile_model
 from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.models.assembly.assemble import assemble
 from harness.simulation.simulate import in_lanes
-from harness.testing.linear_filter import P0, STEP, Q, R, drive_linear
-from harness.testing.small_vehicles import RATE, curved, linear, module
+from harness.testing.small_models import P0, RATE, STEP, Q, R, curved, drive_linear, linear, module
 
 NEARLY = 1e-9
 """By how much the second of two sensors differs from the first, and their standard deviation."""

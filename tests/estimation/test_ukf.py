@@ -8,8 +8,7 @@ from harness.common.errors import UserError
 from harness.engine.compile import compile_model
 from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.estimation.methods.ukf import Settings, tuning
-from harness.testing.linear_filter import compiled_linear
-from harness.testing.small_vehicles import linear
+from harness.testing.small_models import compiled_linear, linear
 from support.small_maps import discrete, disguised, linear_in_disguise, quadratic, squared_output
 from support.stepping import Stepper, textbook
 

@@ -7,7 +7,7 @@ from harness.models.assembly.assemble import Body, assemble
 from harness.models.assembly.plan import Planner
 from harness.models.contracts import Parameter
 from harness.models.roles import PARAMETERS, VEHICLES
-from harness.testing.small_vehicles import module
+from harness.testing.small_models import module
 
 
 def plan(vehicle, tyre=None, effects=(), **other):

@@ -12,8 +12,7 @@ from typer.testing import CliRunner
 from harness.cli import main as cli
 from harness.common.errors import UserError
 from harness.config import load_study
-from harness.engine.compile import load_source
-from harness.engine.lane_kinds import in_one_lane
+from harness.engine.compile import in_one_lane, load_source
 from harness.engine.simd.lanes import LANES
 from harness.engine.simd.random import generator_words
 from harness.estimation.compiled_estimator import CompiledEstimator
@@ -21,12 +20,12 @@ from harness.realtime.measure import Contestant, contestants, measure
 from harness.realtime.outcome import PACES, QUANTILES, _ratios, judge, published_ratio, read, write
 from harness.realtime.report import answer, report
 from harness.simulation.simulate import in_lanes
-from harness.testing.linear_filter import compiled_linear
+from harness.testing.small_models import compiled_linear
 
 ROOT = Path(__file__).parents[2]
 SPIN = """
 from numba import njit
-from harness.realtime.clock import nanoseconds
+from harness.realtime.timed_loop import nanoseconds
 @njit
 def spin(duration):
     begin = nanoseconds()
@@ -38,7 +37,7 @@ def spin(duration):
 DRAW = """
 from numba import njit
 from harness.engine.simd.lanes import LANES, get, put
-from harness.engine.simd.gather import gather
+from harness.engine.simd.random import gather
 from harness.engine.simd.random import next_words, normal_pair
 @njit(error_model="numpy")
 def draw(memory, table, drawn):

@@ -14,8 +14,7 @@ from harness.engine.simd.lanes import LANES
 from harness.remedy import choices
 from harness.remedy.answer import _poor_drives, answer
 from harness.remedy.choices import AS_IT_IS, Equipment, Remedy
-from harness.remedy.judge import RemedyOutcome, best, harm, helps, judged
-from harness.remedy.promise import Promise, promises
+from harness.remedy.judge import Promise, RemedyOutcome, best, harm, helps, judged, promises
 from harness.remedy.report import belief_text, believed, write_remedy
 from harness.remedy.run import _more_estimated, try_remedies
 from harness.study.bound import smallest_rmse

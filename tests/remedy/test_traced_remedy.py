@@ -9,9 +9,10 @@ from typer.testing import CliRunner
 from harness.cli.main import app
 from harness.common.errors import UserError
 from harness.config import build_study
-from harness.remedy import choices, traced
+from harness.remedy import choices
 from harness.remedy.choices import AS_IT_IS, Remedy
 from harness.remedy.report import belief_text
+from harness.remedy.run import named, remedies, traced_study
 from harness.study.worst_case import box_of
 
 NOMINAL = """\
@@ -69,8 +70,8 @@ def run(*words):
 
 
 def test_the_plant_has_what_the_trace_named_and_the_belief_lacks_it(study, folder):
-    found = traced.traced_study(study, folder)
-    assert traced.named(found) == ["steering_lag"]
+    found = traced_study(study, folder)
+    assert named(found) == ["steering_lag"]
     assert found.plant.values["steering_lag"] == 0.12
     assert found.belief.effects == ()
     assert (found.targets, found.seed, found.drives) == (study.targets, study.seed, study.drives)
@@ -79,14 +80,14 @@ def test_the_plant_has_what_the_trace_named_and_the_belief_lacks_it(study, folde
 
 
 def test_filters_that_need_no_model_of_it_are_tried_and_the_amended_belief_is_the_ideal(study, folder):
-    found = traced.traced_study(study, folder)
-    some = list(traced.remedies([], considers=True, tunable=True))
+    found = traced_study(study, folder)
+    some = list(remedies([], considers=True, tunable=True))
     assert [r.words for r in some] == [
         "tune for the worst case",
         "adapt the process noise to the innovations",
         "filter against the worst disturbance",
     ]
-    assert not list(traced.remedies([], considers=False, tunable=False))
+    assert not list(remedies([], considers=False, tunable=False))
     adapted = choices.applied(found, some[1], "EKF")
     assert [(e.name, e.kind) for e in adapted.estimators] == [("EKF", "innovation_ekf")]
     assert adapted.belief.effects == ()
@@ -99,10 +100,10 @@ def test_filters_that_need_no_model_of_it_are_tried_and_the_amended_belief_is_th
 def test_a_trace_that_named_nothing_is_refused(study, folder):
     (folder / "amended.toml").write_text(NOMINAL)
     with pytest.raises(UserError, match="no effect that the nominal one lacks"):
-        traced.traced_study(study, folder)
+        traced_study(study, folder)
     (folder / "amended.toml").unlink()
     with pytest.raises(UserError, match=r"there is no amended\.toml"):
-        traced.traced_study(study, folder)
+        traced_study(study, folder)
 
 
 def test_a_recording_is_estimated_with_the_belief_that_is_written(study, folder):

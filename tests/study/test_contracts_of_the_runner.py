@@ -10,7 +10,7 @@ from harness.config import build_study
 from harness.engine.simd.lanes import LANES
 from harness.runner.contract import Batch, Filter, History, Ports, Simulator
 from harness.runner.history import EverySample
-from harness.runner.limits import LARGEST
+from harness.runner.simulation_loop import LARGEST
 from harness.study.compiled_study import CompiledStudy
 from harness.study.design import units
 from harness.study.evaluate import StudyEvaluator

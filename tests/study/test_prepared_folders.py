@@ -17,7 +17,7 @@ from harness.common import stores
 from harness.common.errors import UserError
 from harness.config import build_study
 from harness.study import checksums, sealed_root
-from harness.study.progress import progress
+from harness.study.plan import progress
 from harness.study.results import read
 from harness.study.run import run_study
 from harness.study.store import STORE, discard

@@ -14,7 +14,7 @@ from harness.common.errors import UserError, WorkError
 from harness.common.lock import FILE
 from harness.config import load_study
 from harness.study import checksums, sealed_root
-from harness.study.progress import progress
+from harness.study.plan import progress
 from harness.study.results import read
 from harness.study.run import run_study
 from harness.study.store import STORE

@@ -12,7 +12,7 @@ from harness.reporting import style
 from harness.reporting.document import Bullets, Prose
 from harness.study.report.analysis import Analysis, Findings
 from harness.study.report.opening import answer_in_short
-from harness.study.report.sections import answer, boxes, in_numbers, paired
+from harness.study.report.sections import answer, boxes, paired
 from harness.study.results import Design, StudyResults, read
 from harness.study.score_names import ESTIMATOR_DIVERGED, PLANT_DIVERGED
 from support import synthetic
@@ -36,7 +36,7 @@ def test_words_when_no_vehicle_stays_under_control(one_design):
 
 def _row(findings: Findings, estimator: str) -> dict[str, str]:
     """The cells of an estimator's first row in the table of the answer, by header."""
-    sheet = in_numbers.table(findings)
+    sheet = answer.table(findings)
     cells = next(row for row in sheet.rows if row[1] == estimator)
     return dict(zip(sheet.header, cells, strict=True))
 
@@ -58,7 +58,7 @@ def test_few_runs_are_compared_by_what_they_show(one_design):
     assert len(findings.comparisons) == 128
     assert (findings.pairs_needed, findings.decides) == (13, False)  # 128 * 2 / 2**13 is the first below 0.05
     assert _row(findings, NINE[-1])["same run, 24 t"] == "10.0 (0/8)"
-    assert "8 pairs of runs and 128 comparisons" in in_numbers.few(findings)
+    assert "8 pairs of runs and 128 comparisons" in answer.few(findings)
     (*_, sheet) = paired.blocks(analysis)
     assert "p (Holm)" not in sheet.header
     assert sheet.rows[-1][2:] == ["10.0", "10.0 to 10.0", "0 of 8"]
@@ -67,7 +67,7 @@ def test_few_runs_are_compared_by_what_they_show(one_design):
 def test_a_design_with_enough_runs_has_tests(one_design):
     analysis = one_design(repeats=20)
     assert (analysis.main.pairs_needed, analysis.main.decides) == (10, True)  # of 16 comparisons
-    assert in_numbers.few(analysis.main) == ""
+    assert answer.few(analysis.main) == ""
     (*_, sheet) = paired.blocks(analysis)
     assert sheet.header[-1] == "p (Holm)"
 
@@ -76,7 +76,7 @@ def test_fewer_than_six_runs_have_no_interval_and_no_dash(one_design):
     analysis = one_design(repeats=2, drives=synthetic.DRIVES[:1])
     medians = _medians(analysis.main.design)
     assert _row(analysis.main, "UKF")["24 t"] == style.number(medians[0, 4, 1])
-    assert "without interval" in in_numbers.few(analysis.main)
+    assert "without interval" in answer.few(analysis.main)
     assert not any("–" in cell for row in boxes.table(analysis.main, 0).rows for cell in row)
 
 
@@ -87,7 +87,7 @@ def test_the_table_of_the_answer_has_the_medians_and_their_growth(one_design):
     assert row["24 t"].startswith(f"{style.number(medians[0, 4, 1])} (")
     assert row["8 t"] == f"{style.number(medians[0, 0, 1])} ({style.number(medians[0, 0, 1] / medians[0, 4, 1], 2)}×)"
     assert "diverged" not in row
-    single = in_numbers.table(one_design(estimators=("EKF",), levels=(24.0,)).main)
+    single = answer.table(one_design(estimators=("EKF",), levels=(24.0,)).main)
     assert list(single.header) == ["target", "estimator", "24 t"]
     assert single.caption == "Median RMSE as believed with its 95 % interval."
 
@@ -239,7 +239,7 @@ def test_the_matched_level_is_called_what_it_is(one_design, of, says):
     design = one_design().main.design
     factor = design.factors[0]
     object.__setattr__(factor, "of", of)
-    assert in_numbers.table(Findings(design, 0)).caption.startswith(f"Median RMSE {says} (24 t) with its 95 % interval")
+    assert answer.table(Findings(design, 0)).caption.startswith(f"Median RMSE {says} (24 t) with its 95 % interval")
 
 
 def test_a_few_runs_behind_a_large_nees_are_counted(one_design):

@@ -20,11 +20,10 @@ from harness.runner.contract import Held, InputSeries, Signals
 from harness.runner.scores import Scoring
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
-from harness.study.histories import histories
 from harness.study.report.analysis import Analysis
 from harness.study.report.sections import made
 from harness.study.results import read
-from harness.study.run import run_study
+from harness.study.run import histories, run_study
 from harness.study.run_noise import Case
 from harness.study.score_names import (
     FLAGS,
@@ -297,7 +296,7 @@ def test_a_signal_without_truth_is_estimated_but_not_scored():
     from harness.engine.simd.lanes import LANES
     from harness.estimation.compiled_estimator import CompiledEstimator
     from harness.simulation.simulate import in_lanes
-    from harness.testing.small_vehicles import linear
+    from harness.testing.small_models import linear
 
     names = ("alpha_test", "beta_test", "gamma_test")
     compiled = compile_model(linear(), 0.05, signals=names)
@@ -324,7 +323,7 @@ def test_a_matched_filter_is_consistent():
     from harness.engine.simd.lanes import LANES
     from harness.estimation.compiled_estimator import CompiledEstimator
     from harness.simulation.simulate import CompiledSimulator, in_lanes
-    from harness.testing.small_vehicles import linear
+    from harness.testing.small_models import linear
 
     names = ("alpha_test", "beta_test", "gamma_test")
     compiled, samples, runs = compile_model(linear(), 0.05, signals=names), 400, 104

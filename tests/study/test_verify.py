@@ -13,7 +13,7 @@ from harness.common.lock import locked
 from harness.study import checksums, sealed_root
 from harness.study.checksums import faults
 from harness.study.evaluate import StudyEvaluator
-from harness.study.progress import progress
+from harness.study.plan import progress
 from harness.study.results import read
 from harness.study.run import run_study
 from harness.study.store import STORE

@@ -8,7 +8,7 @@ from harness.models.assembly.assemble import assemble
 from harness.models.assembly.parameter_states import ParameterState, is_logarithmic, with_parameters
 from harness.models.contracts import Parameter
 from harness.simulation.simulate import in_lanes
-from harness.testing.small_vehicles import RATE, module
+from harness.testing.small_models import RATE, module
 
 STEP, SAMPLES = 0.05, 300
 PUSH = Parameter("push", "d", "m", -50.0, 50.0, "a constant push")

@@ -6,7 +6,7 @@ import numpy as np
 import sympy as sp
 
 from harness.models.assembly.assemble import Builder, StateSpaceModel, assemble
-from harness.testing.small_vehicles import module
+from harness.testing.small_models import module
 
 STATES = ("alpha_test", "beta_test", "gamma_test")
 

@@ -12,7 +12,7 @@ from harness.study.results import read as read_results
 from harness.view import looks
 from harness.view.boxes import SCORES, boxes
 from harness.view.factors import Brush
-from harness.view.state import PageState, read
+from harness.view.study_page import PageState, read
 
 
 @pytest.fixture(scope="module")

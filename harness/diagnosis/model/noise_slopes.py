@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.common.arrays import Floats
-from harness.diagnosis.model import noise_loops
-from harness.engine.compile import CompiledModel, load_source, paste
-from harness.engine.lane_kinds import SINGLES, over_singles
+from harness.diagnosis.model import covariance_loops
+from harness.engine.compile import SINGLES, CompiledModel, load_source, over_singles, paste
 from harness.engine.simd.lanes import LANES
 from harness.identification.data import DriveData
 from harness.identification.filtered_model import Candidates, FilterRun
@@ -30,8 +29,8 @@ class NoiseSlopes:
 
     def __init__(self, compiled: CompiledModel, inputs: NDArray[np.int_]) -> None:
         self._compiled, self._inputs = compiled, inputs
-        self._linearise = load_source("linearise", paste(compiled, "linearise", [noise_loops.linearise])).linearise
-        vary = over_singles(paste(compiled, "vary_noise", [noise_loops.vary_noise]))
+        self._linearise = load_source("linearise", paste(compiled, "linearise", [covariance_loops.linearise])).linearise
+        vary = over_singles(paste(compiled, "vary_noise", [covariance_loops.vary_noise]))
         self._vary = load_source("vary_noise", vary).vary_noise
 
     def along(
@@ -76,7 +75,7 @@ class NoiseSlopes:
 
 
 def _pull(r: Floats) -> Floats:
-    """Return what the rows of ``noise_loops.vary_noise`` are multiplied by for the gradient ``(samples, rows)``."""
+    """Return what the rows of ``vary_noise`` are multiplied by for the gradient ``(samples, rows)``."""
     a, b = np.tril_indices(r.shape[1])
     seen = r[:, a] * r[:, b] - (a == b)
     return np.concatenate([-r, np.where(a == b, np.sqrt(0.5), 1.0) * seen], axis=1)

@@ -1,4 +1,6 @@
-"""Random numbers in lanes: every run has a generator of its own, so it draws the same alone or in a batch.
+"""Random numbers in lanes, and numbers by lanes' own indices: what particle filters draw and choose.
+
+Every run has a generator of its own, so it draws the same alone or in a batch.
 
 The generator is xoroshiro128+ (Blackman and Vigna 2021, ACM TOMS 47): two 64-bit words per run, kept as the bits
 of two lanes, so that they fit into any array of lanes. A lane that holds such *words* must only be moved by
@@ -172,3 +174,30 @@ def normal_pair(typingctx: Any, word: Any) -> Any:
         return context.make_tuple(b, sig.return_type, pair)
 
     return (types.UniTuple(lane, 2)(lane) if word == lane else None), generate
+
+
+@intrinsic
+def gather(typingctx: Any, array: Any, rows: Any, index: Any) -> Any:
+    """Return a lane of ``array[rows, index]`` with ``rows`` a lane of whole numbers and ``array`` ``(N, n, LANES)``.
+
+    The vector is put together in registers: written to memory number by number and read back as a vector, it would
+    wait until the last number has arrived there.
+    """
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        word = ir.IntType(64)
+        struct = context.make_array(array)(context, builder, args[0])
+        columns = cgutils.unpack_tuple(builder, struct.shape, 3)[1]
+        column = context.cast(builder, args[2], index, types.intp)
+        whole = builder.fptosi(args[1], ir.VectorType(word, LANES))
+        vector = ir.Constant(ir.VectorType(ir.DoubleType(), LANES), ir.Undefined)
+        for k in range(LANES):
+            place = ir.Constant(ir.IntType(32), k)
+            at = builder.add(builder.mul(builder.extract_element(whole, place), columns), column)
+            at = builder.add(builder.mul(at, ir.Constant(word, LANES)), ir.Constant(word, k))
+            number = builder.load(builder.gep(struct.data, [at]), typ=ir.DoubleType())
+            vector = builder.insert_element(vector, number, place)
+        return vector
+
+    fits = isinstance(array, types.Array) and array.dtype == types.float64 and array.layout == "C" and array.ndim == 3
+    return (lane(array, rows, index) if fits and rows == lane and isinstance(index, types.Integer) else None), generate

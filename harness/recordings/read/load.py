@@ -22,10 +22,9 @@ from harness.recordings.motion.consistency import find_delay
 from harness.recordings.motion.kinematics import DERIVED, Sources
 from harness.recordings.motion.pose import COURSE, NEEDS, backwards, continued, tangent_plane
 from harness.recordings.read.channel_map import ChannelMap, load_map
-from harness.recordings.read.channels import Raw, collect, plain_map
+from harness.recordings.read.channels import Raw, collect, plain_map, to_reference_point
 from harness.recordings.read.clock import Clock
 from harness.recordings.read.in_memory import name_of, tables_of
-from harness.recordings.read.lever_arm import to_reference_point
 from harness.recordings.read.resample import first_order_lag, onto_grid, updated_on_grid
 from harness.recordings.read.span import named_parts, part_of
 

@@ -1,11 +1,18 @@
-"""What holds for every parameter set."""
+"""What holds for every parameter set, set of sensors and reader of recordings."""
 
 from __future__ import annotations
 
+import os
 from types import ModuleType
 
+import numpy as np
+
+from harness.common.errors import ModelError
 from harness.models.contracts import Parameter
-from harness.models.roles import PARAMETERS
+from harness.models.roles import PARAMETERS, SENSORS, VEHICLES
+from harness.models.signals import SIGNALS
+from harness.recordings.readers import READERS, read_tables, suffixes
+from harness.testing.dimensions import assemble_with_units, check_dimensions
 from harness.testing.parts import fitting_sensors, load, model, named, require, tyres_of
 
 SHORTEST = 80
@@ -64,3 +71,61 @@ def _check_noise(name: str, file: ModuleType, vehicle: ModuleType) -> None:
     published = model(file.VEHICLE, tyre)
     strange = sorted(set(file.MEASUREMENT_NOISE) - {*published.states, *published.inputs, *published.ports})
     require(not strange, f"{name}: MEASUREMENT_NOISE of what '{file.VEHICLE}' does not publish: {', '.join(strange)}")
+
+
+def check_sensors(sensors: str | ModuleType) -> None:
+    """Check a set of sensors: exports, names, and that some vehicle publishes what it measures.
+
+    Raises:
+        AssertionError: If something does not hold; the message says what.
+    """
+    with named(SENSORS, sensors) as name:
+        file = load("sensors", name)
+        require(file.__doc__, f"{name}: write a docstring: its first line is what 'harness list' shows")
+        require(file.OUTPUTS, f"{name}: OUTPUTS is empty")
+        strange = [s for pair in file.OUTPUTS.items() for s in pair if s not in SIGNALS]
+        require(not strange, f"{name}: no signals: {', '.join(strange)}; state them in SIGNALS of the file")
+        fits, refusals = False, []
+        for vehicle in VEHICLES.names():
+            for tyre in tyres_of(vehicle):
+                try:
+                    built = model(vehicle, tyre, name)
+                except ModelError as error:
+                    refusals.append(f"{vehicle}: {error}")
+                    continue
+                fits = True
+                require(tuple(built.outputs) == tuple(file.OUTPUTS), f"{name}: {vehicle} measures something else")
+                for output, measured in file.OUTPUTS.items():
+                    same = built.expand(built.outputs[output]) == built.expand(built.resolve(measured))
+                    require(same, f"{name}: '{output}' is not '{measured}' of {vehicle}")
+                tyre_file = None if tyre is None else load("tyres", tyre)
+                check_dimensions(assemble_with_units(load("vehicles", vehicle), tyre_file, sensors=file))
+        require(fits, f"{name}: no vehicle publishes what it measures:\n" + "\n".join(refusals))
+
+
+def check_reader(reader: str | ModuleType, example: str | os.PathLike[str] | None = None) -> None:
+    """Check a reader: that its suffixes are its own, and that it reads an example.
+
+    Args:
+        reader: Its name, or a module.
+        example: A recording of its format.
+
+    Raises:
+        AssertionError: If something does not hold; the message says what.
+        UserError: If the example cannot be read.
+    """
+    with named(READERS, reader) as name:
+        file = READERS.load(name)
+        require(file.__doc__, f"{name}: write a docstring: its first line is what 'harness list' shows")
+        require(file.SUFFIXES, f"{name}: SUFFIXES is empty")
+        for suffix in file.SUFFIXES:
+            right = suffix == "/" or (suffix.startswith(".") and suffix == suffix.lower())
+            require(right, f"{name}: suffix '{suffix}' must be lower case with a dot, or '/' for a folder")
+            require(suffixes()[suffix] == name, f"{name}: suffix '{suffix}' is that of another reader")
+        if example is None:
+            return
+        for table in read_tables(example):
+            lengths = {len(column) for column in table.columns.values()}
+            require(len(lengths) == 1, f"{name}: columns of one table have lengths {sorted(lengths)}")
+            wrong = [n for n, c in table.columns.items() if np.asarray(c).dtype != np.float64 or np.ndim(c) != 1]
+            require(not wrong, f"{name}: no float64 vectors: {', '.join(wrong)}")
