@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
-from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -73,26 +73,29 @@ class CompiledEstimator:
         self.is_random = hasattr(file, "first_memory")
         self._first_memory: Callable[[Sequence[np.random.SeedSequence]], Floats]
         if self.is_random:
-            self._first_memory = partial(file.first_memory, chosen, compiled.nx, compiled.ny)
+            self._first_memory = functools.partial(file.first_memory, chosen, compiled.nx, compiled.ny)
         else:
             self._memory_size = int(file.memory_size(chosen, compiled))
-        self._modules: dict[tuple[Callable[..., None], bool], ModuleType] = {}
-        self._kernels = self._module(Scoring.recorder, recorded=False)
+        self._modules: dict[tuple[Any, ...], ModuleType] = {}
         first = compiled.model.start_variance
         sizes = [[first[s], 1.0 if s in compiled.model.relative else first[s]] for s in compiled.model.within]
         self.priors = np.reshape(np.array(sizes, dtype=float), (-1, 2))
         self.limits = compiled.model.limits
         self._no_errors = np.empty((1, compiled.nu, 0, LANES))
 
-    def _module(self, recorder: Recorder, recorded: bool) -> ModuleType:
+    def module(self, recorder: Recorder, recorded: bool) -> ModuleType:
         """Return the estimator's kernels with a recorder's, and the reader of a batch or of a recording."""
-        name = recorder.loop.__name__
-        if (recorder.loop, recorded) not in self._modules:
+        name, key = recorder.loop.__name__, (recorder.loop, *recorder.kernels.values(), recorded)
+        if key not in self._modules:
             kernels = kernels_of(self._file, self._uncertain or recorded, parameters=bool(self.compiled.model.within))
             kernels |= (RECORDING if recorded else BATCH) | dict(recorder.kernels)
             source = paste(self.compiled, f"{name} of {self.kind}", [recorder.loop], kernels)
-            self._modules[recorder.loop, recorded] = load_source(f"{name}_{self.kind}", source)
-        return self._modules[recorder.loop, recorded]
+            self._modules[key] = load_source(f"{name}_{self.kind}", source)
+        return self._modules[key]
+
+    @functools.cached_property
+    def _kernels(self) -> ModuleType:
+        return self.module(Scoring.recorder, recorded=False)
 
     @property
     def loop(self) -> Dispatcher:
@@ -103,19 +106,20 @@ class CompiledEstimator:
         """Return the first state.
 
         Args:
-            mean: ``(nx,)`` or ``(nx, LANES)``; of several batches ``(batches, nx, LANES)``, and so is all else.
+            mean: ``(nx,)`` or ``(nx, lanes)`` as the model is compiled; of several batches ``(batches, nx, LANES)``,
+                and so is all else.
             variance: Of each state; same shapes, or a covariance ``(nx, nx)``.
             seeds: One per lane, for estimators that draw random numbers; by default the same for all.
         """
         nx, lead = self.compiled.nx, np.shape(mean)[:-2]
-        x, P = np.empty((*lead, nx, LANES)), np.zeros((*lead, nx, nx, LANES))
+        x, P = (np.zeros((*lead, *sizes, self.compiled.lanes)) for sizes in ((nx,), (nx, nx)))
         x[:] = np.reshape(mean, (*lead, nx, -1))
         if np.shape(variance) == (nx, nx):
             P[:] = np.asarray(variance)[:, :, None]
         else:
-            P.reshape(*lead, -1, LANES)[..., :: nx + 1, :] = np.reshape(variance, (*lead, nx, -1))
+            P.reshape(*lead, -1, P.shape[-1])[..., :: nx + 1, :] = np.reshape(variance, (*lead, nx, -1))
         if not self.is_random:
-            return State(x, P, np.zeros((*lead, self._memory_size, LANES)))
+            return State(x, P, np.zeros((*lead, self._memory_size, self.compiled.lanes)))
         chosen = [np.random.SeedSequence(0)] * (x.size // nx) if seeds is None else seeds
         memory = [self._first_memory(chosen[k : k + LANES]) for k in range(0, len(chosen), LANES)]
         return State(x, P, np.stack(memory) if lead else memory[0])
@@ -152,7 +156,7 @@ class CompiledEstimator:
         """Run over batches or a recording, see ``harness.runner.contract.Filter``; the record says what kernels do."""
         belief, first = self.begin(held)
         source, belief = self._source(inputs, measurements, belief)
-        module = self._module(record.recorder, recorded=inputs.effects is not None)
+        module = self.module(record.recorder, recorded=inputs.effects is not None)
         loop = getattr(module, record.recorder.loop.__name__)
         return record.run(loop, source, belief, first, self.limits, self)
 
@@ -160,7 +164,7 @@ class CompiledEstimator:
         """Return what a reader reads from, and a belief with room for what errors of the inputs do."""
         between = inputs.at if inputs.between is None else inputs.between
         if inputs.effects is not None:
-            room = np.zeros((*inputs.effects.shape[1:], LANES))
+            room = np.zeros((*inputs.effects.shape[1:], self.compiled.lanes))
             return (inputs.at, between, measurements, inputs.effects), belief._replace(input_errors=room)
         if inputs.errors_between is None or inputs.errors_at is None:
             return (inputs.at, between, self._no_errors, self._no_errors, measurements), belief

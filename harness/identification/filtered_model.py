@@ -32,6 +32,7 @@ from harness.identification.free_run import FreeRun, Start
 from harness.identification.input_effects import InputEffects
 from harness.identification.measured_inputs import Between
 from harness.models.assembly.assemble import StateSpaceModel
+from harness.runner.contract import Held
 
 _Task = TypeVar("_Task")
 _Answer = TypeVar("_Answer")
@@ -167,13 +168,12 @@ class FilteredModel(ABC):
         self._remembered = LastUsed[tuple[DriveData, FilterRun]](REMEMBERED)
 
     @abstractmethod
-    def _filter(self, drive: DriveData, candidates: Candidates, total: Floats, notes: tuple[Floats, ...]) -> None:
-        """Run the filter over a recording for ``LANES`` candidates.
+    def _filter(self, drive: DriveData, held: Held, notes: tuple[Floats, ...]) -> Floats:
+        """Return log-likelihood and first sample outside the limits of ``LANES`` candidates ``(2, LANES)``.
 
         Args:
             drive: The recording.
-            candidates: From ``Candidates.in_lanes``.
-            total: Log-likelihood and first sample outside the limits, written ``(2, LANES)``.
+            held: By the candidates.
             notes: What ``time_loops.keep_first_lane`` writes to.
         """
 
@@ -314,10 +314,11 @@ class FilteredModel(ABC):
 
     def _likelihoods(self, drive: DriveData, candidates: Candidates, notes: tuple[Floats, ...]) -> Floats:
         """Return the log-likelihoods of up to ``LANES`` candidates, which read inputs ahead alike, on one recording."""
-        total = np.empty((2, LANES))
         drive, values = self.read_ahead(drive, candidates.values)
-        self._filter(drive, replace(candidates, values=values).in_lanes(), total, notes)
-        return of_valid(total, drive)[: candidates.count]
+        at = replace(candidates, values=values).in_lanes()
+        variance = np.repeat(drive.first_variance[:, None], LANES, axis=1)
+        held = Held(at.values, at.process, at.measurement, self._first(drive, at.values), variance)
+        return of_valid(self._filter(drive, held, notes), drive)[: candidates.count]
 
     def _notes(self, samples: int) -> tuple[Floats, ...]:
         """Return what ``time_loops.keep_first_lane`` writes to; nothing is kept of no samples."""

@@ -7,19 +7,15 @@ Whatever the filter computes is differentiated: means, covariances, gains, the l
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from types import ModuleType
 
 import numpy as np
-from numba.core.dispatcher import Dispatcher
 
 from harness.common.arrays import Floats
 from harness.config import ModelSpec
-from harness.engine.compile import CompiledModel, load_source, paste
-from harness.engine.kernel_names import Belief, State
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import kernels_of, load_estimator
+from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.identification import time_loops
 from harness.identification.data import DriveData
 from harness.identification.filtered_model import (
@@ -30,6 +26,8 @@ from harness.identification.filtered_model import (
     for_each,
     of_valid,
 )
+from harness.identification.time_loops import Likelihood
+from harness.runner.contract import Held, InputSeries
 
 
 class Innovations(FilteredModel):
@@ -39,30 +37,22 @@ class Innovations(FilteredModel):
         spec: The model; its values and variances are where a search begins.
         kind: File in ``harness/estimation/methods``; of Kalman type and without memory of its own.
         jobs: Threads; all cores by default.
+
+    Attributes:
+        loop: Of the filter over a recording, compiled.
     """
 
     def __init__(self, spec: ModelSpec, kind: str = "ekf", jobs: int | None = None) -> None:
         super().__init__(spec, spec.model(), jobs)
         self.kind = kind
-        file = load_estimator(kind)
-        self.tuning = np.array(file.tuning(file.Settings(), self.compiled.nx, self.compiled.ny), dtype=float)
-
-        def loop(compiled: CompiledModel, note: Callable[..., None], *more: Callable[..., None]) -> ModuleType:
-            given = {**kernels_of(file, input_errors=True), **time_loops.LIKELIHOOD, time_loops.note: note}
-            source = paste(compiled, f"innovations_{kind}", [time_loops.innovate, *more], given)
-            return load_source(f"innovations_{kind}", source)
-
-        self._plain = loop(self.compiled, time_loops.note_run)
-        self._slopes = loop(self.duals, time_loops.note_slopes)
+        self._plain, self._slopes = CompiledEstimator(kind, self.compiled), CompiledEstimator(kind, self.duals)
+        self._limits = self._slopes.limits = self._plain.limits
+        self._slopes.module(Likelihood(time_loops.note_slopes, ()).recorder, recorded=True)  # before threads ask for it
+        self.loop = self._plain.module(Likelihood(time_loops.note_run, ()).recorder, recorded=True).innovate
 
     def __reduce__(self) -> tuple[type[Innovations], tuple[ModelSpec, str, int]]:
         """Pickle what it is made of: its kernels are compiled again."""
         return Innovations, (self.spec, self.kind, self.jobs)
-
-    @property
-    def loop(self) -> Dispatcher:
-        """The compiled loop of the filter over a recording."""
-        return self._plain.innovate
 
     def log_likelihoods(self, drives: Sequence[DriveData], candidates: Each, keep_first: bool = False) -> Floats:
         """Return the log-likelihood of each candidate; no run is kept, because the slopes here are not of a run."""
@@ -126,33 +116,20 @@ class Innovations(FilteredModel):
     def _slope(self, drive: DriveData, point: Candidates, directions: Candidates) -> tuple[float, Floats, Floats]:
         samples, ny = drive.measurements.shape
         drive, values = self.read_ahead(drive, point.values)
-        point = replace(point, values=values)
-        total = np.empty((2, 2 * LANES))
+        dual = _dual(replace(point, values=values), directions)
+        variance = np.zeros((self.nx, 2 * LANES))
+        variance[:, :LANES] = drive.first_variance[:, None]
+        held = Held(dual.values, dual.process, dual.measurement, self._first(drive, dual.values), variance)
         rows = np.zeros((samples, ny + ny * (ny + 1) // 2, LANES))
-        self._innovate(self._slopes, self.duals, drive, _dual(point, directions), total, rows)
+        total = self._run(self._slopes, drive, held, Likelihood(time_loops.note_slopes, rows))
         return float(of_valid(total, drive)[0]), total[0, LANES:].copy(), rows
 
-    def _filter(self, drive: DriveData, candidates: Candidates, total: Floats, notes: tuple[Floats, ...]) -> None:
-        self._innovate(self._plain, self.compiled, drive, candidates, total, notes)
+    def _filter(self, drive: DriveData, held: Held, notes: tuple[Floats, ...]) -> Floats:
+        return self._run(self._plain, drive, held, Likelihood(time_loops.note_run, notes))
 
-    def _innovate(
-        self,
-        module: ModuleType,
-        compiled: CompiledModel,
-        drive: DriveData,
-        candidates: Candidates,
-        total: Floats,
-        notes: object,
-    ) -> None:
-        each = np.arange(compiled.nx)
-        covariance = np.zeros((compiled.nx, compiled.nx, compiled.lanes))
-        covariance[each, each, :LANES] = drive.first_variance[:, None]
-        constants = compiled.constants(candidates.values)
-        errors = np.zeros((*drive.effects.shape[1:], compiled.lanes))
-        belief = Belief(constants, candidates.process, candidates.measurement, self.tuning, errors)
-        first = State(self._first(drive, candidates.values), covariance, np.zeros((0, compiled.lanes)))
-        source = drive.inputs, drive.between, drive.measurements, drive.effects
-        module.innovate(source, belief, first, self._limits, total, notes)
+    def _run(self, estimator: CompiledEstimator, drive: DriveData, held: Held, record: Likelihood) -> Floats:
+        inputs = InputSeries(drive.inputs, drive.between, effects=drive.effects)
+        return estimator.run(inputs, drive.measurements, held, record)
 
 
 def _dual(point: Candidates, directions: Candidates) -> Candidates:

@@ -7,14 +7,21 @@ every sample: over plain lanes it is ``note_run``, over dual numbers ``note_slop
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 
+from harness.common.arrays import Floats
 from harness.engine.kernel_names import (
     LANES,
     NW,
     NX,
     NY,
+    Belief,
     StandIn,
+    State,
     add_input_errors,
     cholesky,
     get,
@@ -29,8 +36,8 @@ from harness.engine.kernel_names import (
 from harness.engine.simd import lanes as plain
 from harness.engine.simd.dual import tangent_of, value_of
 from harness.engine.simd.memory import borrowed, retain
+from harness.runner.contract import Filter, History, Recorder
 from harness.runner.filter_loop import (
-    RECORDING,
     fill,
     no_room,
     record_first,
@@ -304,12 +311,51 @@ def note(before, after, u_before, u, y, belief, info, scratch, k, notes):
     """Stand in for one of the notes above."""
 
 
-LIKELIHOOD = RECORDING | {
+LIKELIHOOD = {
     recording_room: scratchpad,
     record_first: begin_likelihood,
     record_sample: add_likelihood,
 }
 """Kernels that ``innovate`` is made of beside the estimator's and ``note``."""
+
+
+@dataclass(frozen=True)
+class Likelihood:
+    """Log-likelihood and first sample outside the limits (``samples`` if none), in every lane ``(2, lanes)``.
+
+    Attributes:
+        kernel: What is kept of the samples beside, in place of ``note``.
+        notes: What it writes to.
+    """
+
+    kernel: Callable[..., None]
+    notes: Any
+
+    @property
+    def recorder(self) -> Recorder:
+        """Its kernels."""
+        return Recorder(innovate, LIKELIHOOD | {note: self.kernel})
+
+    def run(
+        self,
+        loop: Callable[..., None],
+        source: tuple[Any, ...],
+        belief: Belief,
+        first: State,
+        limits: Floats,
+        filter_: Filter,
+    ) -> Floats:
+        """Run the compiled loop over a recording."""
+        total = np.empty((2, first.mean.shape[-1]))
+        loop(source, belief, first, limits, total, self.notes)
+        return total
+
+    def of(self, history: History, filter_: Filter) -> Floats:
+        """Return those of runs side by side, of which nothing else is kept."""
+        outside_limits = history.facts[:, 4] > 0
+        first_outside = np.where(outside_limits.any(axis=0), outside_limits.argmax(axis=0), len(outside_limits))
+        return np.stack([history.facts[1:, 2].sum(axis=0), first_outside])
+
 
 FREE_RUN = FREE | {state_room: no_room, record_start: begin_free, record_state: keep_free}
 """Kernels that ``run_free`` is made of."""

@@ -188,11 +188,12 @@ from harness.engine.compile import compile_model, load_source, paste
 from harness.estimation.contract import kernels_of, load_estimator
 from harness.estimation.methods import ukf
 from harness.identification import time_loops as kernels
+from harness.runner.filter_loop import RECORDING
 from harness.engine.compile import in_one_lane
 
 plain, duals = (compile_model(linear(), 0.05, signals=("beta_test",), duals=d) for d in (False, True))
 given = kernels_of(load_estimator("ukf"))
-likelihood = {**given, **kernels.LIKELIHOOD, kernels.note: kernels.note_slopes}
+likelihood = {**given, **RECORDING, **kernels.Likelihood(kernels.note_slopes, ()).recorder.kernels}
 slopes = paste(duals, "slopes", [kernels.innovate, kernels.follow], likelihood)
 narrow = in_one_lane(paste(plain, "narrow", [ukf.workspace, ukf.step], given))
 print([sorted(vars(load_source(*made))) for made in (("slopes", slopes), ("narrow", narrow))])

@@ -1,13 +1,21 @@
 """Likelihood and sensitivities: exact to rounding, whatever the filter, with missing samples and several drives."""
 
+from dataclasses import fields
+from functools import partial
+
 import numpy as np
 import pytest
 from scipy import stats
 
 from harness.common.errors import UserError
+from harness.engine.simd.lanes import LANES
+from harness.identification import time_loops
 from harness.identification.coordinates import Coordinates
 from harness.identification.filtered_model import Candidates
 from harness.identification.innovations import Innovations
+from harness.identification.time_loops import Likelihood
+from harness.runner.contract import Held, History, InputSeries
+from harness.runner.history import EverySample
 from support.identification import CAR, TRUCK, car_fit, five_point, model_of, recorded
 
 LENGTHS = ("stiffness_over_load_front", "stiffness_over_load_rear", "mass_over_inertia", "cog_to_front_axle")
@@ -148,6 +156,28 @@ def test_a_candidate_that_leaves_the_range_of_the_model_counts_minus_infinity():
     innovations._limits[0] = 0.5 * largest
     assert innovations.log_likelihoods([drive], held)[0] == -np.inf
     assert innovations.run(drive, held).log_likelihood == -np.inf
+
+
+def test_the_likelihood_follows_from_the_history_of_a_filter():
+    """As a filter that is no kernel is recorded: the sum over its samples, and the first one outside its limits."""
+    innovations, drive = car_fit(8, duration=5.0)
+    point, limits = Candidates.of(innovations.spec), innovations._limits
+    at, inputs = point.in_lanes(), InputSeries(drive.inputs, drive.between, effects=drive.effects)
+    first, variance = (np.repeat(a[:, None], LANES, axis=1) for a in (drive.first_mean, drive.first_variance))
+    held = Held(at.values, at.process, at.measurement, first, variance)
+
+    def recorded_and_of_history():
+        run = partial(innovations._plain.run, inputs, drive.measurements, held)
+        record, history = Likelihood(time_loops.note_run, innovations._notes(0)), run(EverySample(of_state=False))
+        side_by_side = History(*(getattr(history, f.name)[..., None] for f in fields(history)))
+        return run(record)[:, 0], record.of(side_by_side, innovations._plain)[:, 0]
+
+    recorded_one, of_history = recorded_and_of_history()
+    assert of_history == pytest.approx(recorded_one, rel=1e-12)
+    assert recorded_one[1] == len(drive.inputs)
+    limits[0] = 0.5 * np.abs(drive.measurements[:, 0]).max()
+    recorded_one, of_history = recorded_and_of_history()
+    assert 0 < of_history[1] == recorded_one[1] < len(drive.inputs)
 
 
 def test_a_parameter_that_does_not_exist_and_another_step_are_refused():

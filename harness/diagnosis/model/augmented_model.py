@@ -36,6 +36,7 @@ from harness.models.assembly.placement import load_effect, parameter_at, split
 from harness.models.assembly.plan import planner
 from harness.models.roles import VEHICLES
 from harness.models.signals import SIGNALS
+from harness.runner.contract import Held
 
 _HALVINGS = 30
 """Of the way to a value that is impossible together with others."""
@@ -204,8 +205,8 @@ class AugmentedModel(FilteredModel):
         """Return a recording in terms of this model; its inputs run straight between samples."""
         return super().drive(recording, name, between, signal)
 
-    def _filter(self, drive: DriveData, candidates: Candidates, total: Floats, notes: tuple[Floats, ...]) -> None:
-        filter_ = self._filter_of(candidates.values)
+    def _filter(self, drive: DriveData, held: Held, notes: tuple[Floats, ...]) -> Floats:
+        filter_, total = self._filter_of(held.values), np.empty((2, LANES))
         nx = len(filter_.model.states)
         filter_.loop(
             drive.inputs,
@@ -213,16 +214,17 @@ class AugmentedModel(FilteredModel):
             filter_.inputs,
             drive.measurements,
             _of_states(drive.effects, nx, self.nx),
-            self.compiled.constants(candidates.values),
-            filter_.compiled.constants(np.ascontiguousarray(candidates.values[filter_.rows])),
-            self._process(candidates, filter_.model),
-            candidates.measurement,
-            self._first(drive, candidates.values),
-            np.repeat(drive.first_variance[:nx, None], LANES, axis=1),
+            self.compiled.constants(held.values),
+            filter_.compiled.constants(np.ascontiguousarray(held.values[filter_.rows])),
+            self._process(held.process_noise, filter_.model),
+            held.measurement_noise,
+            held.first,
+            np.asarray(held.first_variance)[:nx],
             (self._limited, self._limits[self._limited]),
             total,
             notes,
         )
+        return total
 
     def slopes(self, drives: Sequence[DriveData], points: Each, directions: Each) -> Slopes:
         """Return the log-likelihood of all recordings at a point, with gradient and Fisher information.
@@ -277,11 +279,11 @@ class AugmentedModel(FilteredModel):
     def process_variances(self, point: Candidates) -> Floats:
         """Return the process-noise variances per step of the states that the filter corrects ``(corrected,)``."""
         model = self._moving if self._moves_in(point.values) else self.nominal
-        return self._process(point, model)[:, 0]
+        return self._process(point.process, model)[:, 0]
 
-    def _process(self, candidates: Candidates, model: StateSpaceModel) -> Floats:
+    def _process(self, noise: Floats, model: StateSpaceModel) -> Floats:
         walks = [model.noise[s] * self.spec.step for s in model.states[len(self.nominal.states) :]]
-        return np.concatenate([candidates.process, *(np.full((1, candidates.count), v) for v in walks)])
+        return np.concatenate([noise, *(np.full((1, noise.shape[1]), v) for v in walks)])
 
 
 class _Filter:
