@@ -36,6 +36,11 @@ def words(name: str) -> str:
     return re.sub(r"\bcog\b", "CoG", name.replace("_", " ").strip())
 
 
+def capital(text: str) -> str:
+    """Write a text with a capital letter at its beginning; all others stay."""
+    return text[:1].upper() + text[1:]
+
+
 def print_unit(unit: str) -> str:
     """Write a unit as it is printed: ``m/s^2`` becomes ``m/s²``, ``deg`` becomes ``°``."""
     unit = unit.replace("**", "^").replace("*", "·")

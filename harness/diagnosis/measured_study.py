@@ -26,7 +26,7 @@ from harness.identification.filtered_model import Candidates
 from harness.identification.measured_file import MeasuredStudy
 from harness.identification.report import spans_sheet
 from harness.identification.result import judged_on
-from harness.models.quantities import print_unit, quantity, words
+from harness.models.quantities import capital, print_unit, quantity, words
 from harness.reporting import style
 from harness.reporting.document import Block, Prose, Section, Sheet, plain
 
@@ -248,7 +248,7 @@ def answer_of_changes(changes: Changes, outcome: Outcome, before: ModelSpec) -> 
 
 def _capital(name: str) -> str:
     text = words(name)
-    return text[:1].upper() + text[1:]
+    return capital(text)
 
 
 def _sentence(name: str, was: float, now: float, spread: float, unit: str) -> str:

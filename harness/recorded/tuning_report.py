@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from harness.common.arrays import Floats
 from harness.common.files import json_text, write_files
 from harness.config.parameter_set import set_text
-from harness.models.quantities import quantity, words
+from harness.models.quantities import capital, quantity, words
 from harness.recorded.run import SMOOTHED
 from harness.recorded.summary import Consistency
 from harness.recorded.tuning import NoiseTuning, Variance
@@ -140,7 +140,7 @@ def _variances(tuning: NoiseTuning) -> list[Block]:
         "Standard deviations: roots of the variances. Intervals are those of the profile likelihood with all variances "
         "free; a variance counts as determined where its interval is within a factor of three."
     )
-    remarks = [f"{v.label[:1].upper()}{v.label[1:]}: {v.reason}." for v in tuning.variances if v.held]
+    remarks = [f"{capital(v.label)}: {v.reason}." for v in tuning.variances if v.held]
     blocks: list[Block] = [
         Sheet(header, rows, caption, left=3),
         Drawing(

@@ -17,7 +17,7 @@ from harness.common import stores
 from harness.common.errors import MissingFileError, UserError
 from harness.common.places import reached
 from harness.common.units import registry
-from harness.models.quantities import Quantity, print_unit, quantity, words
+from harness.models.quantities import Quantity, capital, print_unit, quantity, words
 from harness.study import bound_file, run_file, sealed_root
 from harness.study.checksums import HISTORY, described, is_verifiable
 from harness.study.score_names import ESTIMATOR_DIVERGED, LOST_CONTROL, OK, PENDING, PLANT_DIVERGED
@@ -281,7 +281,7 @@ def run_in_words(history: xr.Dataset, drive: bool = True) -> str:
     """Name a run that is drawn over time: its own name, its level and, if asked for, its drive."""
     attributes = [history.attrs.get("name"), words(str(history.attrs.get("band_label") or ""))]
     named = ", ".join(str(a) for a in [*attributes, drive and history.attrs.get("drive")] if a)
-    return named[:1].upper() + named[1:]
+    return capital(named)
 
 
 @dataclass

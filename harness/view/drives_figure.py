@@ -12,7 +12,7 @@ from bokeh.palettes import Cividis256
 from bokeh.transform import linear_cmap
 
 from harness.common.arrays import Floats
-from harness.models.quantities import quantity
+from harness.models.quantities import capital, quantity
 from harness.reporting import style
 from harness.view import looks
 
@@ -65,7 +65,7 @@ class DrivesFigure:
         time = Range1d(float(columns["time"][0]), float(columns["time"][-1]), bounds="auto")
         before, after = style.looks(["before", "after"]).values()
         plots = [
-            self._lines(f"{q.words[:1].upper()}{q.words[1:]}: measured and simulated", q.unit, time, 300, [
+            self._lines(f"{capital(q.words)}: measured and simulated", q.unit, time, 300, [
                 (MEASURED, "measured", style.MEASURED, "solid", 1.4),
                 (BEFORE, "before", looks.line(before), "solid", 1.4),
                 (AFTER, "after", looks.line(after), "dashed", 1.6),

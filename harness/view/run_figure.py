@@ -15,7 +15,7 @@ from scipy.stats import chi2
 
 from harness.common.arrays import Floats
 from harness.common.series import thinned
-from harness.models.quantities import quantity, words
+from harness.models.quantities import capital, quantity, words
 from harness.reporting import style
 from harness.reporting.style import Look
 from harness.study.replay import Replayed
@@ -140,7 +140,7 @@ class RunFigure:
 
     def _signal(self, name: str, legend: bool) -> Any:
         q, source = quantity(name), self._sources[f"signal {name}"]
-        plot = self._plot(q.words[:1].upper() + q.words[1:], 230)
+        plot = self._plot(capital(q.words), 230)
         plot.yaxis.axis_label = q.unit
         for i, slot in enumerate(self._slots):
             if f"low {i}" in source.data:

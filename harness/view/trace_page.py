@@ -14,7 +14,7 @@ from bokeh.layouts import row
 from bokeh.models import ColumnDataSource, FixedTicker, LegendItem
 
 from harness.common.series import unpacked
-from harness.models.quantities import quantity, words
+from harness.models.quantities import capital, quantity, words
 from harness.reporting import style
 from harness.view import looks
 from harness.view.drives_figure import DrivesFigure, Series
@@ -234,7 +234,7 @@ def _candidates(record: Mapping[str, Any]) -> list[Part]:
                 for c in shown
             ]
             q = quantity(output).words
-            title = f"{q[:1].upper()}{q[1:]}"
+            title = f"{capital(q)}"
             figures.append(changes(names, ("without it", "with it"), pairs, "normalised excess MSE", title))
             figures[-1].styles = {"flex": "1 1 340px"}
         models.append(row(*figures, sizing_mode="stretch_width", styles={"flex-wrap": "wrap"}))

@@ -15,7 +15,7 @@ from harness.diagnosis.result.answer import amount, entry, unmodelled_words
 from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.result.record import equation
 from harness.models.assembly.plan import planner
-from harness.models.quantities import words
+from harness.models.quantities import capital, words
 from harness.models.roles import VEHICLES
 from harness.reporting import style
 from harness.reporting.document import (
@@ -146,7 +146,7 @@ def _curves(outcome: Outcome, disturbance: UnmodelledDisturbance) -> list[Block]
 
 
 def _sentence(text: str) -> str:
-    return f"{text[:1].upper()}{text[1:]}."
+    return f"{capital(text)}."
 
 
 def _study_gain(outcome: Outcome, disturbance: UnmodelledDisturbance) -> str:

@@ -22,7 +22,7 @@ from harness.diagnosis.selection.forward_selection import Trace
 from harness.diagnosis.selection.posterior import Posterior
 from harness.diagnosis.selection.validation import Judgement, leaves_nothing
 from harness.models.assembly.placement import split
-from harness.models.quantities import listed, print_unit, quantity, words
+from harness.models.quantities import capital, listed, print_unit, quantity, words
 from harness.models.signals import SIGNALS
 from harness.reporting import style
 
@@ -297,7 +297,7 @@ def _of_a_process(process: RandomProcess) -> str:
     names = _named(process.hypotheses)
     are = "are random processes" if len(process.hypotheses) > 1 else "is a random process"
     return (
-        f" {names[:1].upper()}{names[1:]} {are}: no simulation predicts that. With it "
+        f" {capital(names)} {are}: no simulation predicts that. With it "
         f"in the filter, the log-likelihood of the held-out drives rises by {process.held_out_gain:.0f}."
     )
 

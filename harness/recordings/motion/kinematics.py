@@ -121,7 +121,8 @@ class Sources:
         return self._smoothed[name, derivative]
 
 
-def _velocity(s: Sources) -> tuple[Floats, Floats]:
+def velocity_of_pose(s: Sources) -> tuple[Floats, Floats]:
+    """Return longitudinal and lateral velocity from position and heading."""
     return earth_to_vehicle(s.rate("position_x"), s.rate("position_y"), s["heading"])
 
 
@@ -146,13 +147,13 @@ DERIVED: dict[str, tuple[tuple[tuple[str, ...], ...], Callable[[Sources], Floats
         (("heading",), ("yaw_rate",)),
         lambda s: s.rate("heading", 2) if "heading" in s.signals else s.rate("yaw_rate"),
     ),
-    "longitudinal_velocity": ((_POSE,), lambda s: _velocity(s)[0]),
-    "lateral_velocity": ((_POSE,), lambda s: _velocity(s)[1]),
+    "longitudinal_velocity": ((_POSE,), lambda s: velocity_of_pose(s)[0]),
+    "lateral_velocity": ((_POSE,), lambda s: velocity_of_pose(s)[1]),
     "longitudinal_acceleration": ((_POSE, _MOTION), lambda s: _acceleration(s)[0]),
     "lateral_acceleration": ((_POSE, _MOTION), lambda s: _acceleration(s)[1]),
     "speed": (
         (_POSE, ("longitudinal_velocity",)),
-        lambda s: s["longitudinal_velocity"] if "longitudinal_velocity" in s.signals else _velocity(s)[0],
+        lambda s: s["longitudinal_velocity"] if "longitudinal_velocity" in s.signals else velocity_of_pose(s)[0],
     ),
     "speed_rate": (
         (("speed",), ("longitudinal_velocity",)),

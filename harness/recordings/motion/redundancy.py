@@ -14,7 +14,7 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.models.signals import SIGNALS
-from harness.recordings.motion.kinematics import Sources, earth_to_vehicle
+from harness.recordings.motion.kinematics import Sources, velocity_of_pose
 
 MOVING = 2.0
 """m/s above which the course over ground is that of the vehicle and not that of the noise."""
@@ -130,10 +130,6 @@ def _course_rate(s: Sources) -> Floats:
     return np.where(squared > MOVING**2, (v_x * a_y - v_y * a_x) / np.maximum(squared, MOVING**2), np.nan)
 
 
-def _course_velocity(s: Sources) -> tuple[Floats, Floats]:
-    return earth_to_vehicle(s.rate("position_x"), s.rate("position_y"), s["heading"])
-
-
 def _product(first: str, second: str) -> Callable[[Sources], Floats]:
     return lambda s: s[first] * s[second]
 
@@ -193,9 +189,9 @@ def _speeds() -> list[Relation]:
     """Return the relations of speeds and velocities."""
     return [
         Relation("longitudinal_velocity", _POSE, "rate of the position along the heading",
-                 lambda s: _course_velocity(s)[0], arm=_turning("yaw_rate"), through_zero=True),
+                 lambda s: velocity_of_pose(s)[0], arm=_turning("yaw_rate"), through_zero=True),
         Relation("lateral_velocity", _POSE, "rate of the position across the heading",
-                 lambda s: _course_velocity(s)[1], arm=lambda s: s.rate("heading"), exact=False,
+                 lambda s: velocity_of_pose(s)[1], arm=lambda s: s.rate("heading"), exact=False,
                  late=lambda s: ground_speed(s) * s.rate("heading"), slope=(1.0, 1.15), misfit=0.3, lag=np.inf),
         *(
             Relation(name, _PLACE, "speed over ground", _signed(name), arm=_turning(rate), through_zero=True)

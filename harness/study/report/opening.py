@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from harness.models.quantities import Quantity, listed
+from harness.models.quantities import Quantity, capital, listed
 from harness.reporting.style import number, percent, with_unit
 from harness.study.report.analysis import Analysis
 from harness.study.report.levels import NAMED, phrase
@@ -76,11 +76,7 @@ def _leading(group: Sequence[Standing], designs: Sequence[Design], over: str, se
             text += f"; {_with_losses(designs, names[last], last)} is the worst"
             if all(np.isfinite(s.mean[last]) for s in group):
                 text += f" with {listed([_numbers(s, last, False) for s in group])}"
-    return f"{_capital(text) if several else text}."
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
+    return f"{capital(text) if several else text}."
 
 
 def _quantity(standing: Standing) -> Quantity:
@@ -123,7 +119,7 @@ def _harms(scored: Sequence[Standing]) -> list[str]:
             for other in shown
         )
         if not again and (text := _harm(scored, place)):
-            shown[place] = f"{_capital(text)}."
+            shown[place] = f"{capital(text)}."
     more = len(shown) - NAMED
     return list(shown.values())[:NAMED] + ([f"The other {more} designs do less."] if more > 0 else [])
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from harness.models.quantities import listed, words
+from harness.models.quantities import capital, listed, words
 from harness.reporting.document import Block, Bullets, Prose, Sheet, plain, strong
 from harness.reporting.style import in_unit, number, percent
 from harness.study.report.analysis import Analysis, Findings
@@ -98,10 +98,6 @@ def _of_the_box(analysis: Analysis) -> list[Block]:
     return [Bullets(shown)] if shown else []
 
 
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
-
-
 def _scope(analysis: Analysis) -> str:
     design = analysis.main.design
     drives = f"{len(design.drives)} drive{'s' if len(design.drives) > 1 else ''}"
@@ -185,7 +181,7 @@ def _as_stated(findings: Findings, band: int) -> str:
     parts = [f"{size} the covariance states ({', '.join(members)})" for size, members in groups.items()]
     if not parts:
         return ""
-    where = _capital(at(design, band))
+    where = capital(at(design, band))
     return f"{where} the errors of the states are {listed(parts)}, by NEES over its expectation."
 
 

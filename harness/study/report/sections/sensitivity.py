@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from harness.common.statistics import Interval
-from harness.models.quantities import listed
+from harness.models.quantities import capital, listed
 from harness.reporting import style
 from harness.reporting.document import Block, Bullets, Picture, Prose, Sheet, plain, strong
 from harness.study.report.analysis import Analysis
@@ -87,7 +87,7 @@ def _words(ranking: Ranking) -> list[str]:
     design = ranking.design
     items = []
     for t, target in enumerate(design.targets):
-        name = strong(target.words[:1].upper() + target.words[1:] + ".")
+        name = strong(capital(target.words) + ".")
         items.append(f"{name} {plain(_drivers(ranking, ranking.errors[t], ranking.best(t)) + _by_ranks(ranking, t))}")
     divergence = strong("Divergence.")
     if any(ranking.divergence):

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from harness.models.quantities import Quantity
+from harness.models.quantities import Quantity, capital
 from harness.reporting import style
 from harness.reporting.document import Block, Bullets, Picture, Prose, Sheet, plain, strong
 from harness.reporting.style import number, with_unit
@@ -93,7 +93,7 @@ def uncontrolled(design: Design) -> str:
 
 
 def _capital(target: Quantity) -> str:
-    return f"{target.words[:1].upper()}{target.words[1:]}."
+    return f"{capital(target.words)}."
 
 
 def _sentence(design: Design, limit: str, e: int, borne: Tolerance) -> str:
