@@ -9,8 +9,7 @@ from numba import njit
 from harness.common.errors import UserError
 from harness.config.specs import CountFrom
 from harness.engine.simd.lanes import LANES, get, put
-from harness.engine.simd.memory import gather
-from harness.engine.simd.random import generator_words
+from harness.engine.simd.random import gather, generator_words
 from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.runner.contract import Held, InputSeries
 from harness.runner.scores import Scoring
