@@ -14,14 +14,12 @@ from harness.common.arrays import Floats
 from harness.common.errors import UserError, closest
 from harness.common.units import scale, to_si
 from harness.engine.compile import CompiledModel
+from harness.estimation.external_loader import GROUPS, KINDS, loader_of
 from harness.external.bodies import Estimates
 from harness.external.losses import Losses
 from harness.external.processes import Lost, Workers
-from harness.external.references import located
 from harness.models.signals import SIGNALS, signal_attributes
 from harness.runner.contract import Held, History, InputSeries, Kept, Ports, Record
-
-GROUPS = ("inputs", "measurements", "estimates")
 
 SEED = "seed"
 """Value of the belief that is a random number; whoever asks for it draws random numbers."""
@@ -72,7 +70,7 @@ class ExternalFilter:
     def __init__(self, settings: Mapping[str, Any], compiled: CompiledModel, folder: Path) -> None:
         self.ports, self.signals = Ports.of(compiled.model), compiled.signal_names
         self._step = compiled.step_size
-        kind, file = next((k, settings[k]) for k in ("python", "library", "fmu", "onnx") if settings[k] is not None)
+        kind, file = next((k, settings[k]) for k in KINDS if settings[k] is not None)
         self.losses = Losses(file)
         self._where = f"estimator {kind} = '{file}'"
         if kind == "fmu" and any(isinstance(settings[name], Mapping) for name in GROUPS):
@@ -93,19 +91,14 @@ class ExternalFilter:
                 self._refuse(f"values: the belief has no '{name}'{closest(name, self._all_values)}")
         self.is_random = SEED in values
         self._values = [(*self._all_values, SEED).index(name) for name in values]
-        loader = {
-            **_source(kind, file, folder, self._where),
-            "settings": _with_files(settings["settings"], folder),
-            "values": values,
-            **{name: settings[name] if settings[name] is None else list(settings[name]) for name in GROUPS},
-            **{name: settings[name] for name in ("variances", "nis")},
-        }
-        self._workers = Workers(loader, to_si(settings["timeout"], "s", f"{self._where}: timeout"))
+        there = {"inputs": list(model.inputs), "measurements": list(model.outputs)}
+        loader = loader_of(settings, folder, self._where)
+        timeout = to_si(settings["timeout"], "s", f"{self._where}: timeout")
+        self._workers = Workers({**loader, "values": values}, timeout)
         declared = self._declared()
         stated = {**declared, **{n: v for n, v in settings.items() if v is not None}}
-        there = {"inputs": list(model.inputs), "measurements": list(model.outputs), "estimates": None}
         self._inputs, self._measurements, self._estimates = (
-            self._columns(group, stated.get(group), names) for group, names in there.items()
+            self._columns(group, stated.get(group), there.get(group)) for group in GROUPS
         )
         sizes = {
             g: len(c.names) for g, c in zip(GROUPS, (self._inputs, self._measurements, self._estimates), strict=True)
@@ -115,8 +108,9 @@ class ExternalFilter:
             if size != (own := sizes[name]):
                 by = "inputs and measurements, which are its features," if name == "features" else f"'{name}'"
                 self._refuse(f"it has {size} {name}, the study {own}; state as many by {by} in its order")
-        self._has_nis = bool(stated.get("nis"))
-        self.has_covariance = bool(stated.get("variances")) or self._has_nis
+        nis = bool(stated.get("nis"))
+        self.has_covariance = bool(stated.get("variances")) or (nis and kind != "fmu")  # elsewhere they come with it
+        self._has_nis = nis and self.has_covariance
         self.gives = np.array([name in self._estimates.names for name in self.signals], dtype=bool)
 
     def _refuse(self, why: str) -> None:
@@ -133,10 +127,9 @@ class ExternalFilter:
 
     def _columns(self, group: str, written: Any, there: list[str] | None) -> Columns:
         """Return the signals of a group, checked; ``there`` are those to choose from."""
-        if written is None:
-            if there is None:
-                self._refuse("which signals does it give? state them in its order: estimates = [...]")
-            written = there
+        if not written and there is None:
+            self._refuse("which signals does it give? state them in its order: estimates = [...]")
+        written = there if written is None else written
         for name in written:
             if there is not None and name not in there:
                 what = "knows no input" if group == "inputs" else "measures no"
@@ -271,29 +264,3 @@ class ExternalFilter:
         nothing = [np.broadcast_to(math.nan, (batches, samples, *n, lanes)) for n in ((0, 0), (ny,), (ny, ny))]
         parts = mean, covariance, estimate, deviation, *nothing, facts
         return History(*(p.reshape(*lead, *p.shape[1:]) for p in parts))
-
-
-def _source(kind: str, file: str, folder: Path, where: str) -> dict[str, Any]:
-    """Return the part of a loader that says where the code is."""
-    if kind == "python":
-        try:
-            _, loader = located(file, [folder, Path()])
-        except UserError as error:
-            raise UserError(f"{where}: {error}") from None
-        path = dict.fromkeys([str(folder.resolve()), *loader["import_from"]])  # what settings name may be beside it
-        return {**loader, "kind": "estimator-python", "import_from": list(path)}
-    path_of = folder / file
-    if not path_of.is_file():
-        raise UserError(f"{where}: there is no file {path_of}")
-    return {"kind": f"estimator-{kind}", "file": str(path_of.resolve()), "import_from": []}
-
-
-def _with_files(value: Any, folder: Path) -> Any:
-    """Return settings whose files are found from any folder."""
-    if isinstance(value, Mapping):
-        return {k: _with_files(v, folder) for k, v in value.items()}
-    if isinstance(value, list):
-        return [_with_files(v, folder) for v in value]
-    if isinstance(value, str) and Path(value).suffix and (folder / value).is_file():
-        return str((folder / value).resolve())
-    return value

@@ -24,6 +24,7 @@ from harness.common.files import toml_text, write_files
 from harness.common.registry import closest
 from harness.config import NOISE_GROUPS, DesignSpec, EstimatorSpec, StudySpec
 from harness.engine.simd.lanes import LANES
+from harness.estimation.contract import load_estimator
 from harness.study.compiled_study import scale_noise
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
@@ -86,7 +87,8 @@ def tune(
     nominal = DesignSpec("tuning", (), repeats=repeats)
     bare = tuple(dataclasses.replace(e, noise={}) for e in chosen)
     evaluator = StudyEvaluator(dataclasses.replace(study, designs=(nominal,), history=(), estimators=bare))
-    without = [s.name for s, e in zip(chosen, evaluator.compiled.estimators, strict=True) if not e.has_covariance]
+    tunable = [load_estimator(s.kind).HAS_COVARIANCE for s in chosen]
+    without = [s.name for s, states_likelihood in zip(chosen, tunable, strict=True) if not states_likelihood]
     if only and without:
         raise UserError(f"{study.path}: {', '.join(without)} states no likelihood, so there is nothing to tune")
     if len(without) == len(chosen):
@@ -98,7 +100,7 @@ def tune(
     ]
     tunings = {}
     for index, spec in enumerate(chosen):
-        if not evaluator.compiled.estimators[index].has_covariance:
+        if not tunable[index]:
             continue
         progress(spec.name)
 

@@ -26,6 +26,7 @@ from harness.common.files import write_files
 from harness.common.statistics import tail_mean
 from harness.config import NOISE_GROUPS, DesignSpec, StudySpec
 from harness.engine.simd.lanes import LANES
+from harness.estimation.contract import load_estimator
 from harness.models.quantities import Quantity, quantity
 from harness.runner.contract import Batch, Held
 from harness.study.compiled_study import scale_noise
@@ -149,7 +150,7 @@ def tune_for_worst_case(
     bare = tuple(dataclasses.replace(e, noise={}) for e in chosen)
     designs = (DesignSpec("nominal", (), repeats=LANES), box_of(study, design, 2 * points))
     evaluator = StudyEvaluator(dataclasses.replace(study, designs=designs, history=(), estimators=bare, over_time=None))
-    tuned = [i for i, e in enumerate(evaluator.compiled.estimators) if e.has_covariance]
+    tuned = [i for i, spec in enumerate(chosen) if load_estimator(spec.kind).HAS_COVARIANCE]
     if not tuned or (only and len(tuned) < len(chosen)):
         raise UserError(f"{study.path}: an estimator that believes no noise has nothing to tune: {chosen[0].name}")
     training = _simulated(evaluator, points)

@@ -15,12 +15,11 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from harness.config.schema import Quantity
 from harness.engine.compile import CompiledModel
 from harness.estimation.external_filter import ExternalFilter
+from harness.estimation.external_loader import KINDS
 from harness.external.bodies import MODULES
 from harness.runner.contract import Filter
 
 HAS_COVARIANCE = False
-
-FILES = ("python", "library", "fmu", "onnx")
 
 Names = list[str] | dict[str, str]
 
@@ -32,7 +31,7 @@ class Settings(BaseModel):
 
     python: str | None = Field(default=None, description="`module:Class`, the module beside the study or installed")
     library: str | None = Field(default=None, description="shared library in C (`harness_estimator.h`)")
-    fmu: str | None = Field(default=None, description="FMU of an observer")
+    fmu: str | None = Field(default=None, description="FMU of an observer, for co-simulation")
     onnx: str | None = Field(default=None, description="network")
     inputs: Names | None = Field(
         default=None,
@@ -53,10 +52,10 @@ class Settings(BaseModel):
 
     @model_validator(mode="after")
     def _one_file(self) -> Settings:
-        stated = [name for name in FILES if getattr(self, name) is not None]
+        stated = [name for name in KINDS if getattr(self, name) is not None]
         if len(stated) != 1:
             raise ValueError(
-                f"state one of {', '.join(FILES)}, {'not ' + ' and '.join(stated) if stated else 'there is none'}"
+                f"state one of {', '.join(KINDS)}, {'not ' + ' and '.join(stated) if stated else 'there is none'}"
             )
         return self
 
@@ -68,6 +67,6 @@ def filter_of(settings: Settings, compiled: CompiledModel, folder: Path) -> Filt
 
 def files(settings: Settings, folder: Path) -> tuple[Path, ...]:
     """Return the file of ours that runs it, which is imported by name; those that it names belong to the study."""
-    kind = next(name for name in FILES if getattr(settings, name) is not None)
+    kind = next(name for name in KINDS if getattr(settings, name) is not None)
     spec = importlib.util.find_spec(MODULES[f"estimator-{kind}"])
     return () if spec is None or spec.origin is None else (Path(spec.origin),)
