@@ -1,5 +1,7 @@
 """Plants that are FMUs: the same equations as ours give the same numbers, instances are used again, faults are said."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -86,6 +88,24 @@ def test_an_fmu_that_does_not_reset_is_made_anew(hook, tmp_path, spring):
     assert not body._instance.resets
     assert run(body, (2.5, 4.0)).outputs.tobytes() == run(plant(spring), (2.5, 4.0)).outputs.tobytes()
     assert run(body).outputs.tobytes() == run(plant(spring)).outputs.tobytes()
+
+
+def test_an_fmu_that_crashes_on_its_reset_loses_one_run(tmp_path, spring):
+    path = make(tmp_path, SPRING.faulty(RESET="*(volatile int *)0 = 1;"))
+    workers = Workers({"kind": "fmu", "file": str(path), "description": describe(path, SPRING_MAP).as_dict()})
+    first, *others = workers.calls("simulate", [(0.01, *drive(), np.array([2.0, k])) for k in (4.0, 5.0, 5.0, 5.0)])
+    workers.close()
+    assert isinstance(first, Lost)
+    assert "SIGSEGV" in first.reason
+    expected = run(plant(spring)).outputs.tobytes()
+    assert [other.outputs.tobytes() for other in others] == [expected] * 3
+
+
+def test_a_step_that_the_fmu_cannot_take_is_said(tmp_path):
+    own = replace(SPRING, interface_attributes='fixedInternalStepSize="0.004"')
+    result = run(plant(make(tmp_path, own, 3)))
+    assert result.reached == 0
+    assert "steps of 0.004 s" in result.reason
 
 
 def test_units_signs_and_process_noise_reach_the_fmu(spring):

@@ -1,6 +1,7 @@
 """FMUs are looked into before anything of them is run: harmful, foreign and unfit ones are refused in one line."""
 
 import stat
+import sys
 import zipfile
 
 import pytest
@@ -262,3 +263,9 @@ def test_a_parameter_is_in_si(unit, expected):
 
     scale, offset, si = stated(unit, "", "map")
     assert (scale, offset, si) == (pytest.approx(expected[0]), pytest.approx(expected[1]), expected[2])
+
+
+def test_without_fmpy_one_line_names_the_extra(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "fmpy", None)
+    with pytest.raises(UserError, match=r"pip install 'robustness-harness\[fmu\]'"):
+        read_model(fmu(tmp_path, description()))

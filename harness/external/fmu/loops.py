@@ -181,6 +181,8 @@ def integrate(f, instance, begin, h, behind, weight, x, room):
 
     It is ``h`` s long; ``behind`` and ``weight`` are the tableau, ``room`` is ``(3, nx)``. Returns the status.
     """
+    if x.size == 0:
+        return 0
     stage, slope, total = room[0], room[1], room[2]
     stages = weight.size
     for s in range(stages):

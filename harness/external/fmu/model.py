@@ -84,6 +84,7 @@ class FmuModel:
         units: By name.
         states: Variables that are continuous states, in their order.
         derivatives, indicators: Number of continuous states, and of event indicators.
+        fixed_step: Step of a co-simulation of FMI 3 that has one of its own, s; zero if it has none.
         log_categories: Names.
         platforms: Of its binaries.
         libraries: Names of the entries in ``binaries``.
@@ -105,6 +106,7 @@ class FmuModel:
     states: tuple[str, ...]
     derivatives: int
     indicators: int
+    fixed_step: float
     log_categories: tuple[str, ...]
     platforms: tuple[str, ...]
     libraries: frozenset[str]
@@ -247,6 +249,7 @@ def _model(described: Any, files: list[str], path: Path) -> FmuModel:
         states=tuple(each.variable.derivative.name for each in described.derivatives if each.variable.derivative),
         derivatives=described.numberOfContinuousStates,
         indicators=described.numberOfEventIndicators,
+        fixed_step=float(getattr(described.coSimulation, "fixedInternalStepSize", None) or 0.0),
         log_categories=tuple(category.name for category in described.logCategories),
         platforms=tuple(sorted({posixpath.dirname(name).split("/")[1] for name in binaries if name.count("/") > 1})),
         libraries=frozenset(binaries),

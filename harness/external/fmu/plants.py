@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import math
 from collections.abc import Callable, Mapping
@@ -11,13 +12,15 @@ from typing import Any
 
 import numpy as np
 
+from harness.common import places
 from harness.common.arrays import Floats
+from harness.common.cache import cache_folder
 from harness.common.errors import UserError
 from harness.engine.codegen.integrators import TABLEAUX
 from harness.engine.compile import load_source
 from harness.engine.kernel_source import kernel_source
 from harness.external.bodies import Run
-from harness.external.description import Description, Port
+from harness.external.description import Description, Port, digest_of
 from harness.external.fmu import loops
 from harness.external.fmu.instance import Failed, Instance, Library, status_word
 from harness.external.fmu.model import FmuModel, read_model
@@ -64,16 +67,33 @@ class FmuPlant:
         self._library = Library(model, interface)
         self._instance = Instance(self._library)
         self._checked = False
+        self._mark = cache_folder() / "fmu-resets" / digest_of(path)
+        self._instance.resets = not self._mark.exists()
 
     def simulate(self, step: float, inputs: Floats, disturbances: Floats, values: Floats) -> Run:
         """Run over a drive; see ``harness.external.bodies.PlantBody``."""
+        own = self._library.model.fixed_step
+        if own and abs(step / own - round(step / own)) > 1e-6:
+            reason = f"it takes steps of {own:g} s, of which the sample time of {step:g} s is no multiple"
+            return Run(np.zeros((len(inputs), len(self._read))), 0, reason)
         given = to_variables(np.column_stack([inputs, disturbances]), self._inputs)
         run = self._run(step, given, values)
         if not self._checked and run.reached == len(given) and self._instance.resets:
-            self._checked = True  # an FMU may say that it resets and not do it
-            again = self._run(step, given[:_CHECKED], values)
-            self._instance.resets &= again.outputs.tobytes() == run.outputs[:_CHECKED].tobytes()
+            self._check_reset(step, given[:_CHECKED], values, run.outputs[:_CHECKED])
         return run
+
+    def _check_reset(self, step: float, given: Floats, values: Floats, outputs: Floats) -> None:
+        """Find out whether a reset does what it says: not every FMU gives the run of a new instance then.
+
+        One that ends its process by its reset is marked and is not reset by the process that follows.
+        """
+        self._checked = True
+        with contextlib.suppress(OSError):
+            places.write(self._mark, b"")
+        again = self._run(step, given, values)
+        self._instance.resets &= again.outputs.tobytes() == outputs.tobytes()
+        with contextlib.suppress(OSError):
+            places.write(self._mark, None)
 
     def _run(self, step: float, given: Floats, values: Floats) -> Run:
         library, instance, model = self._library, self._instance, self._library.model
