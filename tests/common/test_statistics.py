@@ -5,6 +5,7 @@ import pytest
 from scipy import stats
 
 from harness.common import statistics
+from harness.runner.scores import chi_square_bounds
 
 
 def test_median_interval_of_a_sample_that_cannot_vary():
@@ -239,3 +240,11 @@ def test_interval_of_a_large_sample_of_few_values_stays_within_it():
     values = np.repeat([1.0, 2.0], [100_001, 100_000])
     found = statistics.median_interval(values)
     assert (found.lower, found.value, found.upper) == (1.0, 1.0, 2.0)
+
+
+@pytest.mark.parametrize("coverage", [0.95, 0.5])
+def test_bounds_of_a_squared_error_are_those_of_scipy(tmp_path, monkeypatch, coverage):
+    monkeypatch.setenv("HARNESS_CACHE", str(tmp_path))  # what was kept before is not what is tested
+    bounds = chi_square_bounds(12, coverage)
+    expected = [stats.chi2.interval(coverage, degrees) for degrees in range(1, 12)]
+    np.testing.assert_allclose(bounds, [(0.0, 0.0), *expected], rtol=1e-12)

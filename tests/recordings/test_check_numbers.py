@@ -10,10 +10,10 @@ import xarray as xr
 from harness.recordings.check import check_report, responses
 from harness.recordings.check.calibration import _SPREADS, _CauseEvidence, _Option
 from harness.recordings.check.causes import DELAY, DRIFT, OFFSET, SCALE, Cause, corrected
-from harness.recordings.check.explain import _NEAR, _shared
+from harness.recordings.check.explain import _NEAR, _misfit, _shared
 from harness.recordings.motion import pose
 from harness.recordings.motion.consistency import Origin, SmoothedSignals, compare
-from harness.recordings.motion.pair_fit import Agreement
+from harness.recordings.motion.pair_fit import Agreement, _memory, long_run
 from harness.recordings.motion.redundancy import RELATIONS
 from support.weaving_car import STEP, TIME, drive
 
@@ -138,3 +138,30 @@ def test_a_single_cause_is_as_probable_as_bayes_says(sign, value):
         likely += step * (prior * np.exp(-((value - size) ** 2) / 2 / 0.04 + value**2 / 2 / 0.04)).sum() / len(_SPREADS)
     odds = sum(np.exp(score - scores[()]) for chosen, score in scores.items() if chosen)
     assert odds == pytest.approx(0.3 / 0.7 * likely, rel=1e-6)
+
+
+@pytest.mark.parametrize(("samples", "independent"), [(100, 6), (240, 12), (900, 30)])
+def test_sides_that_are_alike_are_as_likely_as_their_independent_samples_say(samples, independent):
+    """Every 0.1 s; after 2 s samples are independent, and 6 to 30 of them count."""
+    relation = next(r for r in RELATIONS if r.through_zero and r.or_slope is None)
+    relation = replace(relation, slope=(1.0, 1.0), arm=None, late=None, compute=lambda view: view.rate("", 0))
+    wave = 5.0 * np.sin(0.7 * np.arange(samples))
+    view = SimpleNamespace(rate=lambda name, order: wave, spacing=lambda name: 0.1)
+    found = _misfit(relation, view)
+    _, _, floor = _shared(relation, wave, wave, independent)
+    assert found.share == pytest.approx(0.0, abs=1e-12)
+    assert found.likelihood == pytest.approx(-independent / 2 * np.log(floor / (1 + floor)))
+    assert found.at_best == pytest.approx(-independent / 2 * np.log(relation.misfit**2 / 2))
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.5, 0.95])
+@pytest.mark.parametrize("size", [0.1, 10.0])
+def test_the_memory_of_samples_is_that_of_a_process_of_first_order(memory, size):
+    """Bandwidth of Andrews (1991), equations 6.2 and 6.4; the variance of the sum is that of the process."""
+    noise = np.random.default_rng(3).normal(size=(200_000, 1)) * size
+    values = np.zeros_like(noise)
+    for k in range(1, len(values)):
+        values[k] = memory * values[k - 1] + noise[k]
+    expected = 1.1447 * (4 * memory**2 / (1 - memory**2) ** 2 * len(values)) ** (1 / 3)
+    assert _memory(values) == pytest.approx(expected, rel=0.03, abs=5)
+    assert long_run(values, 0)[0, 0] == pytest.approx(len(values) * (size / (1 - memory)) ** 2, rel=0.2)
