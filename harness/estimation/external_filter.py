@@ -15,7 +15,7 @@ from harness.common.errors import UserError, closest
 from harness.common.units import scale, to_si
 from harness.engine.compile import CompiledModel
 from harness.estimation.external_loader import GROUPS, KINDS, loader_of
-from harness.external.bodies import Estimates
+from harness.external.bodies import RunEstimates
 from harness.external.losses import Losses
 from harness.external.processes import Lost, Workers
 from harness.models.signals import SIGNALS, signal_attributes
@@ -163,7 +163,7 @@ class ExternalFilter:
         u = u[..., [inputs.index(n) for n in self._inputs.names], :]
         u = np.broadcast_to(u, (*lead, *u.shape[-3:-1], lanes))
         y = y[..., [outputs.index(n) for n in self._measurements.names], :]
-        known, measured = (
+        known_inputs, measured = (
             np.moveaxis(each / columns.factors[:, None], -1, axis).reshape(math.prod(lead) * lanes, *each.shape[-3:-1])
             for each, columns in ((u, self._inputs), (y, self._measurements))
         )
@@ -172,7 +172,7 @@ class ExternalFilter:
         if self.is_random and held.seeds is not None:
             seeds = [int(s.generate_state(1)[0]) for s in held.seeds][: len(measured)]
         table = np.column_stack([self._table(held, lead, lanes), seeds])[:, self._values]
-        return [_Run(*row) for row in zip(known, measured, table, seeds, strict=True)]
+        return [_Run(*row) for row in zip(known_inputs, measured, table, seeds, strict=True)]
 
     def _table(self, held: Held, lead: tuple[int, ...], lanes: int) -> Floats:
         """Return all values of the belief but the seed, ``(runs, values)``."""
@@ -186,7 +186,7 @@ class ExternalFilter:
         table = np.concatenate([np.broadcast_to(p[..., :lanes], (*lead, p.shape[-2], lanes)) for p in parts], axis=-2)
         return np.moveaxis(table, -1, -2).reshape(-1, len(self._all_values))
 
-    def _checked(self, answer: Any, samples: int) -> Estimates:
+    def _checked(self, answer: Any, samples: int) -> RunEstimates:
         """Return an answer in which nothing counts from the first number on that is none; count what was lost."""
         shape = samples, len(self._estimates.names)
         if isinstance(answer, Lost):
@@ -199,10 +199,10 @@ class ExternalFilter:
             self.losses.add(checked.reason)
         return checked
 
-    def _nothing(self, shape: tuple[int, int], reason: str) -> Estimates:
-        return Estimates(np.full(shape, math.nan), np.full(shape, math.nan), np.full(shape[0], math.nan), 0, reason)
+    def _nothing(self, shape: tuple[int, int], reason: str) -> RunEstimates:
+        return RunEstimates(np.full(shape, math.nan), np.full(shape, math.nan), np.full(shape[0], math.nan), 0, reason)
 
-    def _wrong_shape(self, answer: Estimates, shape: tuple[int, int]) -> str:
+    def _wrong_shape(self, answer: RunEstimates, shape: tuple[int, int]) -> str:
         if answer.estimates.shape != shape:
             return f"it gives {answer.estimates[0].size} estimates, the study states {shape[1]}"
         if self.has_covariance and (answer.variances is None or answer.variances.shape != shape):
@@ -212,7 +212,7 @@ class ExternalFilter:
             return "it gives no NIS"
         return ""
 
-    def _up_to_no_number(self, answer: Estimates) -> Estimates:
+    def _up_to_no_number(self, answer: RunEstimates) -> RunEstimates:
         bad, reason = ~np.isfinite(answer.estimates), "its estimate of '{}' is no number"
         bad[0] = False
         if self.has_covariance and not bad[: answer.reached].any():
@@ -225,7 +225,7 @@ class ExternalFilter:
         first = int(rows.argmax())
         return answer._replace(reached=first, reason=reason.format(self._estimates.names[int(bad[first].argmax())]))
 
-    def _history(self, answers: list[Estimates], runs: list[_Run], shape: tuple[int, ...]) -> History:
+    def _history(self, answers: list[RunEstimates], runs: list[_Run], shape: tuple[int, ...]) -> History:
         """Return what it gave in all runs; of the state no more than there is among its estimates."""
         *lead, lanes = shape
         samples, states, signals = len(runs[0].inputs), list(self.ports.states), list(self.signals)

@@ -38,7 +38,7 @@ class Run(NamedTuple):
     reason: str = ""
 
 
-class Estimates(NamedTuple):
+class RunEstimates(NamedTuple):
     """Estimates of a run.
 
     Attributes:
@@ -75,7 +75,7 @@ class PlantBody(Protocol):
 class EstimatorBody(Protocol):
     """An estimator in its worker process."""
 
-    def estimate(self, step: float, inputs: Floats, measurements: Floats, values: Floats, seed: int) -> Estimates:
+    def estimate(self, step: float, inputs: Floats, measurements: Floats, values: Floats, seed: int) -> RunEstimates:
         """Run over what was measured.
 
         Args:

@@ -19,7 +19,7 @@ from numba.extending import intrinsic
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.engine.compile import load_source
-from harness.external.bodies import Estimates
+from harness.external.bodies import RunEstimates
 
 HEADER = Path(__file__).with_name("harness_estimator.h")
 
@@ -109,7 +109,7 @@ class LibraryEstimator:
         """Return the sizes."""
         return {"sizes": {name: size for name, size in self._sizes.items() if name != "state_bytes"}}
 
-    def estimate(self, step: float, inputs: Floats, measurements: Floats, values: Floats, seed: int) -> Estimates:
+    def estimate(self, step: float, inputs: Floats, measurements: Floats, values: Floats, seed: int) -> RunEstimates:
         """Run over what was measured, see ``harness.external.bodies.EstimatorBody``."""
         samples, count = len(inputs), self._sizes["estimates"]
         state = np.zeros(1 + self._sizes["state_bytes"] // 8)
@@ -117,12 +117,12 @@ class LibraryEstimator:
         estimates, variances = np.full((2, samples, count), math.nan)
         nis = np.full(samples, math.nan)
         if status := self._reset(state.ctypes.data, values.ctypes.data, step):
-            return Estimates(estimates, None, None, 0, f"harness_reset returned {status}")
+            return RunEstimates(estimates, None, None, 0, f"harness_reset returned {status}")
         given = inputs, measurements, step, estimates, variances, nis
         reached, status = self._run(self._step, state.ctypes.data, *given)
         reason = f"harness_step returned {status}" if status else ""
         has_variances, has_nis = self._gives
-        return Estimates(estimates, variances if has_variances else None, nis if has_nis else None, reached, reason)
+        return RunEstimates(estimates, variances if has_variances else None, nis if has_nis else None, reached, reason)
 
 
 def load(loader: Mapping[str, Any]) -> LibraryEstimator:

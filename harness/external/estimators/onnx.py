@@ -18,7 +18,7 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
-from harness.external.bodies import Estimates
+from harness.external.bodies import RunEstimates
 
 TYPES = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 
@@ -79,7 +79,7 @@ class NetworkEstimator:
         sizes = {"features": self._width, "estimates": self._estimates, "values": 0}
         return {"sizes": {name: size for name, size in sizes.items() if isinstance(size, int)}}
 
-    def estimate(self, step: float, inputs: Floats, measurements: Floats, values: Floats, seed: int) -> Estimates:
+    def estimate(self, step: float, inputs: Floats, measurements: Floats, values: Floats, seed: int) -> RunEstimates:
         """Run over what was measured, see ``harness.external.bodies.EstimatorBody``."""
         table = np.column_stack([inputs, _held(measurements)]).astype(self._type)
         if self._window is not None:
@@ -92,7 +92,7 @@ class NetworkEstimator:
         rows = [np.asarray(part, dtype=float).reshape(samples, -1) for part in parts]
         estimates, variances, nis = (*rows, None, None)[:3]
         assert estimates is not None
-        return Estimates(estimates, variances, None if nis is None else nis[:, 0], samples)
+        return RunEstimates(estimates, variances, None if nis is None else nis[:, 0], samples)
 
     def _stepped(self, table: Any, wanted: list[str]) -> list[Any]:
         """Return the outputs of one call for each sample, states handed on."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
-from harness.external.bodies import Estimates
+from harness.external.bodies import RunEstimates
 from harness.external.in_words import in_words
 from harness.external.references import imported
 
@@ -48,7 +48,7 @@ class PythonEstimator:
             n: v if isinstance(v, bool) else dict(v) if isinstance(v, Mapping) else list(v) for n, v in there.items()
         }
 
-    def estimate(self, step: float, inputs: Floats, measurements: Floats, values: Floats, seed: int) -> Estimates:
+    def estimate(self, step: float, inputs: Floats, measurements: Floats, values: Floats, seed: int) -> RunEstimates:
         """Run over what was measured, see ``harness.external.bodies.EstimatorBody``."""
         held = dict(zip(self._names, values.tolist(), strict=True))
         if hasattr(self._estimator, "reset"):
@@ -90,11 +90,11 @@ class PythonEstimator:
         for row, part in zip(rows, self._split(answer), strict=True):
             row[k] = part
 
-    def _of(self, rows: list[Floats], reached: int, reason: str) -> Estimates:
+    def _of(self, rows: list[Floats], reached: int, reason: str) -> RunEstimates:
         samples = len(rows[0])
         estimates, variances, nis = (*(row.reshape(samples, -1) for row in rows), None, None)[:3]
         assert estimates is not None
-        return Estimates(estimates, variances, None if nis is None else nis[:, 0], reached, reason)
+        return RunEstimates(estimates, variances, None if nis is None else nis[:, 0], reached, reason)
 
 
 def load(loader: Mapping[str, Any]) -> PythonEstimator:

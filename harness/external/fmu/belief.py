@@ -16,7 +16,7 @@ import numpy as np
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.engine.codegen.integrators import TABLEAUX
-from harness.external.bodies import Estimates
+from harness.external.bodies import RunEstimates
 from harness.external.description import Port
 from harness.external.fmu.instance import Failed, Instance, Library, status_word
 from harness.external.fmu.model import FmuModel, read_model
@@ -95,7 +95,7 @@ class FmuFilter:
         """Return what it gives beside estimates."""
         return {"variances": True, "nis": True}
 
-    def estimate(self, step: float, inputs: Floats, measurements: Floats, values: Floats, seed: int) -> Estimates:
+    def estimate(self, step: float, inputs: Floats, measurements: Floats, values: Floats, seed: int) -> RunEstimates:
         """Run over what was measured; see ``harness.external.bodies.EstimatorBody``."""
         given, samples, targets = to_variables(inputs, self._inputs), len(inputs), len(self._estimated)
         estimates, variances = np.full((2, samples, targets), np.nan)
@@ -109,8 +109,8 @@ class FmuFilter:
                     believed, nis[k] = self._correct(believed, given[k], measurements[k], k * step)
                 estimates[k], variances[k] = self._published(believed, given[k], k * step)
         except (Failed, np.linalg.LinAlgError) as error:
-            return Estimates(estimates, variances, nis, k, f"{error} at t = {k * step:g} s")
-        return Estimates(estimates, variances, nis, samples)
+            return RunEstimates(estimates, variances, nis, k, f"{error} at t = {k * step:g} s")
+        return RunEstimates(estimates, variances, nis, samples)
 
     def _begin(self, first: Floats) -> Floats:
         """Initialise the instance and return its states."""

@@ -12,7 +12,7 @@ from harness.common.arrays import Floats
 from harness.common.errors import UserError, closest
 from harness.common.files import read_toml
 from harness.common.units import to_si
-from harness.external.bodies import Estimates
+from harness.external.bodies import RunEstimates
 from harness.external.description import ExternalParameter, Port
 from harness.external.fmu.instance import Failed, Instance, Library
 from harness.external.fmu.model import FmuModel, read_model
@@ -65,14 +65,14 @@ class FmuObserver:
         signals = {name: [port.signal for port in getattr(self._variables, name)] for name in groups}
         return {**signals, "variances": bool(self._variables.variances), "nis": self._variables.nis is not None}
 
-    def estimate(self, step: float, inputs: Floats, measurements: Floats, values: Floats, seed: int) -> Estimates:
+    def estimate(self, step: float, inputs: Floats, measurements: Floats, values: Floats, seed: int) -> RunEstimates:
         """Run over what was measured; see ``harness.external.bodies.EstimatorBody``."""
         library, instance = self._library, self._instance
         starts = [library.model.variables[port.variable].start for port in self._variables.measurements]
         present = ~np.isnan(measurements)
         held = _held(to_variables(measurements, self._variables.measurements), present, np.nan_to_num(starts))
-        known = to_variables(inputs, self._given[: inputs.shape[1]])
-        given = np.ascontiguousarray(np.column_stack([known, held]))
+        known_inputs = to_variables(inputs, self._given[: inputs.shape[1]])
+        given = np.ascontiguousarray(np.column_stack([known_inputs, held]))
         rows = np.zeros((len(given), len(self._names)))
         flags = np.ascontiguousarray(present[:, self._rows], dtype=float)
         try:
@@ -88,12 +88,12 @@ class FmuObserver:
         reason = reason_of(library, instance, why, status, self._names, last, reached * step)
         return self._estimates(rows, int(reached), reason)
 
-    def _estimates(self, rows: Floats, reached: int, reason: str) -> Estimates:
+    def _estimates(self, rows: Floats, reached: int, reason: str) -> RunEstimates:
         """Return what was read from the variables ``(samples, n)``."""
         count, width = len(self._variables.estimates), len(self._read)
         signals = to_signals(rows[:, :width].copy(), self._read)
         spread = signals[:, count:] if self._variables.variances else None
-        return Estimates(
+        return RunEstimates(
             signals[:, :count], spread, None if self._variables.nis is None else rows[:, width], reached, reason
         )
 
