@@ -1,10 +1,15 @@
 """FMUs that somebody else's program wrote: PythonFMU, which runs Python in the FMU."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from harness.external import python_plant
 from harness.external.fmu.read import describe
 from harness.external.processes import Lost, Workers
+
+CAR = Path(__file__).parents[2] / "bench" / "multi_body"
 
 SLAVE = """
 import math
@@ -67,3 +72,40 @@ def test_an_fmu_that_runs_python_is_run_in_worker_processes(spring):
         np.testing.assert_allclose(result.outputs[:, 0], expected, rtol=0, atol=1e-12)
     assert failed.reached == 51
     assert "returned" in failed.reason
+
+
+def test_the_multi_body_car_of_commonroad_as_fmu_moves_as_its_python_class(tmp_path):
+    pytest.importorskip("vehiclemodels")
+    builder = pytest.importorskip("pythonfmu.builder").FmuBuilder
+    if not builder.has_binary():
+        pytest.skip("PythonFMU has no binary for this platform")
+    path = builder.build_FMU(CAR / "slave.py", dest=tmp_path, project_files=[CAR / "plant.py"])
+    declared = python_plant.described("plant:MultiBody", (CAR,), "plant")
+    units = {p.signal: p.unit for p in (*declared.inputs, *declared.outputs, *declared.disturbances)}
+    tables = {"inputs": declared.inputs, "outputs": declared.outputs, "process_noise": declared.disturbances}
+    content = {
+        table: {p.signal: {"variable": p.signal, "unit": units[p.signal]} for p in ports}
+        for table, ports in tables.items()
+    }
+    described = describe(path, content)
+    assert sorted(p.name for p in described.parameters) == sorted(p.name for p in declared.parameters)
+    time = 0.01 * np.arange(60)
+    inputs = {"steering_wheel_angle": 0.4 * np.sin(6 * time), "speed": np.full(60, 20.0)}
+    moment = 300.0 * np.cos(20 * time)[:, None]
+    results = []
+    for loader, of in (
+        ({"kind": "fmu", "file": str(path)}, described),
+        ({"kind": "python", **python_plant.located("plant:MultiBody", (CAR,))[1]}, declared),
+    ):
+        values = {p.name: p.value for p in of.parameters} | {"mass": 1300.0, "friction": 0.5}
+        workers = Workers({**loader, "description": of.as_dict()})
+        given = np.column_stack([inputs[p.signal] for p in of.inputs])
+        run = workers.call("simulate", 0.01, given, moment, np.array([values[p.name] for p in of.parameters]))
+        workers.close()
+        assert not isinstance(run, Lost), run
+        assert (run.reached, run.reason) == (60, "")
+        results.append({p.signal: run.outputs[:, i] for i, p in enumerate(of.outputs)})
+    fmu, own = results
+    assert np.ptp(own["yaw_rate"]) > 0.01
+    for signal, values in own.items():
+        np.testing.assert_allclose(fmu[signal], values, rtol=1e-9, atol=1e-12, err_msg=signal)
