@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from harness.diagnosis.selection.change_times import choices, join
+from harness.diagnosis.selection.score_test import ScoreTest
 
 MOMENTS, SAMPLES = 5, 40
 
@@ -63,3 +65,20 @@ def test_join_finds_the_best_of_all_combinations() -> None:
 def _joint(one, other, i, j) -> float:
     b, G = one.b[i] + other.b[j], one.G[i] + other.G[j]
     return 0.0 if not G.any() else 0.5 * float(b @ np.linalg.solve(G + 1e-9 * np.eye(len(b)), b))
+
+
+@pytest.mark.parametrize("pairs", [[(1, 3)], [(0, 4), (2, -1), (1, 2)]])
+def test_moments_of_known_amplitudes_are_found_in_each_drive(pairs) -> None:
+    rng, size = np.random.default_rng(4), np.array([1.5, -0.5])
+    found = [choices(*sums(*drive(rng, 2, *pair, size)), True) for pair in pairs]
+    grid = 10.0 + np.arange(MOMENTS)
+    test = SimpleNamespace(
+        point=SimpleNamespace(values=np.tile(np.array([[-9.0], [1.5], [-0.5]]), len(pairs))),
+        augmented=SimpleNamespace(row={"first": 1, "second": 2}.__getitem__),
+        drives=[SimpleNamespace(time=np.array([0.0, 99.0]))] * len(pairs),
+        _times=lambda _: grid,
+        _choices=lambda _, number: found[number],
+    )
+    hypothesis = SimpleNamespace(amplitudes=("first", "second"), change_times=("begin", "end"))
+    expected = [[grid[k] if k >= 0 else 99.0 for k in pair] for pair in pairs]
+    np.testing.assert_array_equal(ScoreTest.moments_of(test, hypothesis), expected)
