@@ -9,8 +9,9 @@ import xarray as xr
 
 from harness.recordings.check import check_report, responses
 from harness.recordings.check.calibration import _SPREADS, _CauseEvidence, _Option
-from harness.recordings.check.causes import DELAY, DRIFT, OFFSET, SCALE, Cause, corrected
-from harness.recordings.check.explain import _NEAR, _misfit, _shared
+from harness.recordings.check.causes import DELAY, DRIFT, OFFSET, SCALE, SIGN, Cause, RecordingFault, corrected
+from harness.recordings.check.examine import _findings
+from harness.recordings.check.explain import _NEAR, FaultHypothesis, _misfit, _shared
 from harness.recordings.motion import pose
 from harness.recordings.motion.consistency import Origin, SmoothedSignals, compare
 from harness.recordings.motion.pair_fit import Agreement, _memory, long_run
@@ -165,3 +166,16 @@ def test_the_memory_of_samples_is_that_of_a_process_of_first_order(memory, size)
     expected = 1.1447 * (4 * memory**2 / (1 - memory**2) ** 2 * len(values)) ** (1 / 3)
     assert _memory(values) == pytest.approx(expected, rel=0.03, abs=5)
     assert long_run(values, 0)[0, 0] == pytest.approx(len(values) * (size / (1 - memory)) ** 2, rel=0.2)
+
+
+def test_a_fault_is_as_sure_as_all_hypotheses_that_have_it():
+    yaw, speed = (RecordingFault(SIGN, (name,), -1.0, 0.0, 0.0, "") for name in ("yaw_rate", "speed"))
+    sets = {(yaw,): 0.5, (yaw, speed): 0.1, (speed,): 0.25, (): 0.15}
+    hypotheses = [FaultHypothesis(faults, posterior) for faults, posterior in sets.items()]
+    (found,) = _findings([], hypotheses, [], [], [])
+    assert found.signals == ("yaw_rate",)
+    assert ", 60% sure; or " in found.words
+    assert "speed" in found.words
+    assert found.words.endswith("nothing of the catalogue; not mended")  # less than two thirds
+    (alone,) = _findings([], hypotheses[:2], [], [], [])
+    assert "sure" not in alone.words
