@@ -14,14 +14,15 @@ from typing import Any
 import numpy as np
 
 from harness.common.arrays import Floats
-from harness.common.errors import UserError
+from harness.common.errors import UserError, closest
+from harness.common.files import read_toml
 from harness.engine.codegen.integrators import TABLEAUX
 from harness.external.bodies import RunEstimates
 from harness.external.description import Port
 from harness.external.fmu.instance import Failed, Instance, Library, status_word
 from harness.external.fmu.model import FmuModel, read_model
 from harness.external.fmu.plants import compiled, references, to_signals, to_variables
-from harness.external.fmu.read import scalar_variable
+from harness.external.fmu.read import describe, scalar_variable
 
 FILTERS = ("ukf", "enkf")
 
@@ -92,8 +93,9 @@ class FmuFilter:
         return np.array([float(stated.get(state, 0.0)) for state in model.states])
 
     def declared(self) -> dict[str, Any]:
-        """Return what it gives beside estimates."""
-        return {"variances": True, "nis": True}
+        """Return the signals that it is given and gives."""
+        groups = {"inputs": self._inputs, "measurements": self._measured, "estimates": self._estimated}
+        return {**{n: [p.signal for p in each] for n, each in groups.items()}, "variances": True, "nis": True}
 
     def estimate(self, step: float, inputs: Floats, measurements: Floats, values: Floats, seed: int) -> RunEstimates:
         """Run over what was measured; see ``harness.external.bodies.EstimatorBody``."""
@@ -239,9 +241,31 @@ class FmuFilter:
 def load(loader: Mapping[str, Any]) -> FmuFilter:
     """Return the filter that a loader makes.
 
+    Args:
+        loader: ``file`` is the path of the FMU; ``inputs``, ``measurements`` and ``estimates`` are signals, by default
+            all inputs, what has a noise among the ``values``, and all outputs; ``settings`` has ``filter``, the path
+            of a ``map`` as of a plant, and those of ``SETTINGS``.
+
     Raises:
         UserError: If the FMU cannot be loaded, is none for model exchange, or a setting does not fit.
     """
-    ports = {n: tuple(Port(**entry) for entry in loader[n]) for n in ("inputs", "measurements", "estimates")}
-    settings = {k: v for k, v in loader["settings"].items() if k not in ("filter", "map")}
-    return FmuFilter(Path(loader["file"]), ports, loader["settings"]["filter"], settings, loader.get("values") or ())
+    path, settings = Path(loader["file"]), dict(loader["settings"])
+    kind, chosen, values = settings.pop("filter"), settings.pop("map", None), loader.get("values") or ()
+    described = describe(
+        path, None if chosen is None else read_toml(Path(chosen)), str(chosen or path), interface="model-exchange"
+    )
+    outputs = {p.signal: p for p in described.outputs}
+    noisy = [n.removeprefix(MEASUREMENT_NOISE) for n in values if n.startswith(MEASUREMENT_NOISE)]
+    wanted = {"measurements": noisy, "estimates": list(outputs)}
+    ports: dict[str, Sequence[Port]] = {"inputs": described.inputs}
+    for group, by_default in wanted.items():
+        names = by_default if loader.get(group) is None else loader[group]
+        if missing := [n for n in names if n not in outputs]:
+            raise UserError(f"{path}: {group}: it publishes no '{missing[0]}'{closest(missing[0], list(outputs))}")
+        ports[group] = [outputs[n] for n in names]
+    if loader.get("inputs") is not None:
+        given = {p.signal: p for p in described.inputs}
+        if missing := [n for n in loader["inputs"] if n not in given]:
+            raise UserError(f"{path}: inputs: it has no '{missing[0]}'{closest(missing[0], list(given))}")
+        ports["inputs"] = [given[n] for n in loader["inputs"]]
+    return FmuFilter(path, ports, kind, settings, values)
