@@ -84,7 +84,10 @@ class ExternalFilter:
             *(f"first_variance.{s}" for s in model.states),
         )
         values = settings["values"]
-        if values is None:
+        if values is None and settings["filter"] is not None:
+            values = [f"measurement_noise.{o}" for o in settings["measurements"] or model.outputs]
+            values += [SEED] if settings["filter"] == "enkf" else []
+        elif values is None:
             values = list(self._all_values) if kind == "python" else []
         for name in values:
             if name not in (*self._all_values, SEED):

@@ -14,6 +14,12 @@ KINDS = ("python", "library", "fmu", "onnx")
 GROUPS = ("inputs", "measurements", "estimates")
 
 
+def kind_of(settings: Mapping[str, Any]) -> str:
+    """Return the kind of the loader (``harness.external.bodies.MODULES``)."""
+    kind = next(k for k in KINDS if settings[k] is not None)
+    return f"estimator-{kind}" if settings["filter"] is None else "estimator-fmu-belief"
+
+
 def loader_of(settings: Mapping[str, Any], folder: Path, where: str) -> dict[str, Any]:
     """Return the loader of an estimator, but for the values that it gets.
 
@@ -27,8 +33,9 @@ def loader_of(settings: Mapping[str, Any], folder: Path, where: str) -> dict[str
     """
     kind = next(k for k in KINDS if settings[k] is not None)
     loader = {
-        "kind": f"estimator-{kind}",
+        "kind": kind_of(settings),
         "settings": _with_files(settings["settings"], folder),
+        "filter": settings["filter"],
         "import_from": [str(folder.resolve())],  # what settings name may lie there
         **{name: settings[name] if settings[name] is None else list(settings[name]) for name in GROUPS},
         **{name: settings[name] for name in ("variances", "nis")},

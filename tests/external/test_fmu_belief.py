@@ -4,13 +4,15 @@ import numpy as np
 import pytest
 
 from harness.common.errors import UserError
-from harness.config import resolve_single
+from harness.config import build_study, resolve_single
 from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
 from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.external.fmu import belief
 from harness.runner.contract import Held, InputSeries
 from harness.runner.history import EverySample
+from harness.study.design import units
+from harness.study.evaluate import StudyEvaluator
 from support import fmus
 
 pytestmark = fmus.needs_compiler
@@ -45,13 +47,13 @@ def drive():
     return inputs, measured
 
 
-def loader(fmu, **settings):
+def loader(fmu, filter="ukf", **settings):
     return {
         "file": str(fmu),
+        "filter": filter,
         "measurements": list(R),
         "estimates": ["lateral_velocity", "yaw_rate"],
         "settings": {
-            "filter": "ukf",
             "process_noise": {f"x.{n}": q for n, q in Q.items()},
             "measurement_noise": R,
             **settings,
@@ -118,3 +120,37 @@ def test_runs_that_follow_each_other_do_not_know_of_each_other(fmu, drive):
 def test_settings_that_do_not_fit_are_refused(fmu, settings, words):
     with pytest.raises(UserError, match=words):
         belief.load(loader(fmu, **settings))
+
+
+def test_a_filter_over_an_fmu_is_an_estimator_of_a_study(car, fmu, tmp_path):
+    """It scores as the filter of the equations, also where its parameters and its noise are varied."""
+    values = {**car.values}
+    noise = {"process": Q, "measurement": R}
+    model = {"vehicle": "car", "tyre": "magic_formula", "sensors": "car_series", "values": values, "noise": noise}
+    over_fmu = {
+        "kind": "external",
+        "fmu": str(fmu),
+        "filter": "ukf",
+        "estimates": ["lateral_velocity", "yaw_rate"],
+        "values": ["mass", "measurement_noise.yaw_rate", "measurement_noise.lateral_acceleration"],
+        "settings": {"process_noise": {f"x.{n}": q for n, q in Q.items()}},
+    }
+    masses = [{"parameter": "mass", "of": "belief", "levels": [1800.0, 2300.0]}]
+    study = build_study(
+        {
+            "name": "belief",
+            "targets": ["lateral_velocity", "yaw_rate"],
+            "plant": model,
+            "drive": [{"name": "sine", "kind": "sine", "duration": "2 s", "lead_in": "0 s", "amplitude": "30 deg"}],
+            "estimator": [{"kind": "ukf", "name": "own"}, {**over_fmu, "name": "over the FMU"}],
+            "design": [{"name": "mass", "repeats": 2, "factor": masses}],
+        },
+        tmp_path / "study.toml",
+    )
+    evaluator = StudyEvaluator(study)
+    for unit in units(study, study.designs[0]):
+        result = evaluator.evaluate(unit)
+        assert (result["status"] == 0).all()
+        for name in ("rmse", "nis"):
+            np.testing.assert_allclose(result[name][:, :, 1], result[name][:, :, 0], rtol=1e-7, err_msg=name)
+    assert evaluator.lost() == []

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import importlib.util
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from harness.config.schema import Quantity
 from harness.engine.compile import CompiledModel
 from harness.estimation.external_filter import ExternalFilter
-from harness.estimation.external_loader import KINDS
+from harness.estimation.external_loader import KINDS, kind_of
 from harness.external.bodies import MODULES
 from harness.runner.contract import Filter
 
@@ -31,8 +31,13 @@ class Settings(BaseModel):
 
     python: str | None = Field(default=None, description="`module:Class`, the module beside the study or installed")
     library: str | None = Field(default=None, description="shared library in C (`harness_estimator.h`)")
-    fmu: str | None = Field(default=None, description="FMU of an observer, for co-simulation")
+    fmu: str | None = Field(
+        default=None, description="FMU of an observer, for co-simulation; with `filter` of a plant, for model exchange"
+    )
     onnx: str | None = Field(default=None, description="network")
+    filter: Literal["ukf", "enkf"] | None = Field(
+        default=None, description="of an FMU that is a plant: unscented or ensemble filter over its continuous states"
+    )
     inputs: Names | None = Field(
         default=None,
         description="inputs of the belief in the order that it gets them, or a table of the units that it wants; "
@@ -57,6 +62,8 @@ class Settings(BaseModel):
             raise ValueError(
                 f"state one of {', '.join(KINDS)}, {'not ' + ' and '.join(stated) if stated else 'there is none'}"
             )
+        if self.filter is not None and self.fmu is None:
+            raise ValueError("filter: it is one over the states of an FMU; state 'fmu'")
         return self
 
 
@@ -67,6 +74,5 @@ def filter_of(settings: Settings, compiled: CompiledModel, folder: Path) -> Filt
 
 def files(settings: Settings, folder: Path) -> tuple[Path, ...]:
     """Return the file of ours that runs it, which is imported by name; those that it names belong to the study."""
-    kind = next(name for name in KINDS if getattr(settings, name) is not None)
-    spec = importlib.util.find_spec(MODULES[f"estimator-{kind}"])
+    spec = importlib.util.find_spec(MODULES[kind_of(settings.model_dump())])
     return () if spec is None or spec.origin is None else (Path(spec.origin),)

@@ -18,7 +18,7 @@ from harness.common.errors import UserError, closest
 from harness.common.files import read_toml
 from harness.engine.codegen.integrators import TABLEAUX
 from harness.external.bodies import RunEstimates
-from harness.external.description import Port
+from harness.external.description import ExternalParameter, Port
 from harness.external.fmu.instance import Failed, Instance, Library, status_word
 from harness.external.fmu.model import FmuModel, read_model
 from harness.external.fmu.plants import compiled, references, to_signals, to_variables
@@ -45,7 +45,8 @@ class FmuFilter:
         ports: ``inputs`` of the FMU, ``measurements`` and ``estimates``, which are outputs of it.
         kind: One of ``FILTERS``.
         settings: Those of ``SETTINGS`` that are stated.
-        values: Names of the values that a run brings.
+        values: Names of the values that a run brings: parameters of the FMU, and the noise of what is measured.
+        parameters: Those that the FMU has.
 
     Raises:
         UserError: If it is no FMU for model exchange, or a setting does not fit.
@@ -58,6 +59,7 @@ class FmuFilter:
         kind: str,
         settings: Mapping[str, Any],
         values: Sequence[str] = (),
+        parameters: Sequence[ExternalParameter] = (),
     ) -> None:
         self._where = f"{path}: settings"
         if kind not in FILTERS:
@@ -84,6 +86,12 @@ class FmuFilter:
             for name, value in settings.get("parameters", {}).items()
         }
 
+        there = {p.name: p for p in parameters}
+        for name in values:
+            if name not in there and not name.startswith(MEASUREMENT_NOISE) and name != "seed":
+                raise UserError(f"{path}: values: it has no parameter '{name}'{closest(name, list(there))}")
+        self._stated = {i: there[name] for i, name in enumerate(values) if name in there}
+
     def _variances(self, name: str, model: FmuModel) -> Floats:
         stated = self._settings.get(name, {})
         if unknown := [n for n in stated if n not in model.states]:
@@ -103,7 +111,10 @@ class FmuFilter:
         estimates, variances = np.full((2, samples, targets), np.nan)
         nis, k = np.full(samples, np.nan), 0
         try:
-            x, self._r = self._begin(given[0]), self._noise(dict(zip(self._values, values.tolist(), strict=True)))
+            x, self._r = (
+                self._begin(given[0], values),
+                self._noise(dict(zip(self._values, values.tolist(), strict=True))),
+            )
             believed = self._ensemble(x, seed) if self._kind == "enkf" else self._points(x, np.diag(self._first))
             for k in range(samples):
                 if k:
@@ -114,10 +125,14 @@ class FmuFilter:
             return RunEstimates(estimates, variances, nis, k, f"{error} at t = {k * step:g} s")
         return RunEstimates(estimates, variances, nis, samples)
 
-    def _begin(self, first: Floats) -> Floats:
+    def _begin(self, first: Floats, values: Floats) -> Floats:
         """Initialise the instance and return its states."""
         library, model = self._library, self._library.model
-        self._instance.begin(self._parameters, {}, self._refs_in.tolist(), first)
+        of_run = {
+            model.variables[p.variable].reference: (float(values[i]) - p.offset) / p.scale
+            for i, p in self._stated.items()
+        }
+        self._instance.begin({**self._parameters, **of_run}, {}, self._refs_in.tolist(), first)
         x, z, info = np.zeros(model.derivatives), np.zeros(model.indicators), np.zeros(32, np.uint8)
         why, status, _ = compiled().handle_event(
             model.version, library.addresses, self._instance.address, x, z, info, info.view(np.float64)
@@ -243,14 +258,14 @@ def load(loader: Mapping[str, Any]) -> FmuFilter:
 
     Args:
         loader: ``file`` is the path of the FMU; ``inputs``, ``measurements`` and ``estimates`` are signals, by default
-            all inputs, what has a noise among the ``values``, and all outputs; ``settings`` has ``filter``, the path
-            of a ``map`` as of a plant, and those of ``SETTINGS``.
+            all inputs, what has a noise among the ``values``, and all outputs; ``filter`` is one of ``FILTERS``;
+            ``settings`` has the path of a ``map`` as of a plant, and those of ``SETTINGS``.
 
     Raises:
         UserError: If the FMU cannot be loaded, is none for model exchange, or a setting does not fit.
     """
     path, settings = Path(loader["file"]), dict(loader["settings"])
-    kind, chosen, values = settings.pop("filter"), settings.pop("map", None), loader.get("values") or ()
+    chosen, values = settings.pop("map", None), loader.get("values") or ()
     described = describe(
         path, None if chosen is None else read_toml(Path(chosen)), str(chosen or path), interface="model-exchange"
     )
@@ -268,4 +283,4 @@ def load(loader: Mapping[str, Any]) -> FmuFilter:
         if missing := [n for n in loader["inputs"] if n not in given]:
             raise UserError(f"{path}: inputs: it has no '{missing[0]}'{closest(missing[0], list(given))}")
         ports["inputs"] = [given[n] for n in loader["inputs"]]
-    return FmuFilter(path, ports, kind, settings, values)
+    return FmuFilter(path, ports, loader["filter"], settings, values, described.parameters)
