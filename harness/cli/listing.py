@@ -159,7 +159,7 @@ def _details(console: Console, role: str, name: str) -> None:
         _table(console, f"outputs of {name}", ("output", "signal"), list(module.OUTPUTS.items()))
     elif role == "estimators" and hasattr(module, "Settings"):
         fields = module.Settings.model_fields.items()
-        rows = [(n, str(f.default), "", f.description or "") for n, f in fields]
+        rows = [(n, str(f.get_default(call_default_factory=True)), "", f.description or "") for n, f in fields]
         _table(console, f"settings of {name}", ("setting", "default", "", "meaning"), rows)
 
 

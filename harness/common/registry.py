@@ -24,6 +24,7 @@ class Role:
         contract: File that says what they are.
         word: What the role is called where components come from outside (``components.WORDS``); empty for a role of
             which there are our own only.
+        instead: Name that one may define in place of ``exports``; empty for none.
     """
 
     package: ModuleType | str
@@ -31,6 +32,7 @@ class Role:
     exports: tuple[str, ...]
     contract: str = "models/contracts.py"
     word: str = ""
+    instead: str = ""
 
     def names(self) -> list[str]:
         """Return the sorted names, whatever place they come from."""
@@ -58,7 +60,9 @@ class Role:
         if name not in available:
             raise ModelError(f"unknown {self.what} '{name}'{closest(name, list(available))}")
         module = _imported(available[name])
-        missing = [e for e in (self.exports if exports is None else exports) if not hasattr(module, e)]
+        if exports is None:
+            exports = () if self.instead and hasattr(module, self.instead) else self.exports
+        missing = [e for e in exports if not hasattr(module, e)]
         if missing:
             raise ModelError(f"{available[name].place}: missing export {', '.join(missing)} (see {self.contract})")
         return module

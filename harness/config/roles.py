@@ -10,4 +10,5 @@ ESTIMATORS = Role(
     ("workspace", "step"),
     "harness/estimation/contract.py",
     "estimators",
+    "filter_of",
 )

@@ -89,8 +89,7 @@ def load_estimator(kind: str) -> SimpleNamespace:
     Raises:
         ModelError: If there is none of that name or it lacks an export.
     """
-    is_kernel = not hasattr(ESTIMATORS.load(kind, ()), "filter_of")
-    return SimpleNamespace(**{**DEFAULTS, **vars(ESTIMATORS.load(kind, None if is_kernel else ()))})
+    return SimpleNamespace(**{**DEFAULTS, **vars(ESTIMATORS.load(kind))})
 
 
 def kernel_kinds() -> tuple[str, ...]:

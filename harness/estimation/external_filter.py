@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,7 +15,7 @@ from harness.common.errors import UserError, closest
 from harness.common.units import scale, to_si
 from harness.engine.compile import CompiledModel
 from harness.estimation.external_loader import GROUPS, KINDS, loader_of
-from harness.external.bodies import RunEstimates
+from harness.external.bodies import RunEstimates, Timed
 from harness.external.losses import Losses
 from harness.external.processes import Lost, Workers
 from harness.models.signals import SIGNALS, signal_attributes
@@ -158,6 +158,24 @@ class ExternalFilter:
         answers = [self._checked(answer, y.shape[-3]) for answer in self._workers.calls("estimate", jobs)]
         of_runs = [answers[at] for at in np.searchsorted(begins, range(len(runs)), side="right") - 1]
         return record.of(self._history(of_runs, runs, (*y.shape[:-3], y.shape[-1])), self)
+
+    def timed(self, inputs: InputSeries, measurements: Floats, held: Held) -> Callable[[slice, bool], Timed]:
+        """Return what takes samples of the first run of a batch in a worker process and times them.
+
+        Raises:
+            UserError: If its code cannot be timed so, or fails.
+        """
+        run = self._runs(inputs.at, measurements, held)[0]
+
+        def take(samples: slice, begins: bool) -> Timed:
+            given = run.inputs[samples], run.measurements[samples], run.values
+            answer = self._workers.call("timed", self._step, *given, begins)
+            if isinstance(answer, Lost):
+                self._refuse(f"its steps cannot be timed: {answer.reason}")
+            timed: Timed = answer
+            return timed
+
+        return take
 
     def _runs(self, u: Floats, y: Floats, held: Held) -> list[_Run]:
         """Return what it gets in each run, batch by batch, in its units."""

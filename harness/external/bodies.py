@@ -55,6 +55,10 @@ class RunEstimates(NamedTuple):
     reason: str = ""
 
 
+Timed = tuple[Floats, float, Floats]
+"""How long each step of an estimator took and a call that does nothing takes, in ns, and its last estimates."""
+
+
 class PlantBody(Protocol):
     """A plant in its worker process."""
 
@@ -85,6 +89,9 @@ class EstimatorBody(Protocol):
             values: Parameters of the belief ``(np,)``.
             seed: For one that draws random numbers.
         """
+
+    def timed(self, step: float, inputs: Floats, measurements: Floats, values: Floats, begins: bool) -> Timed:
+        """Take samples, of a new run if it begins, for ``harness realtime``; that of an FMU lacks it."""
 
 
 def load(loader: Mapping[str, Any]) -> Any:

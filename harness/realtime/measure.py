@@ -6,7 +6,7 @@ import contextlib
 import dataclasses
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,8 @@ from harness.engine.compile import CompiledModel, in_one_lane, load_source, past
 from harness.engine.kernel_names import Belief, Info, State
 from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.estimation.contract import kernels_of, load_estimator
+from harness.estimation.external_filter import ExternalFilter
+from harness.external.bodies import Timed
 from harness.realtime import timed_loop
 from harness.realtime.outcome import PACES
 from harness.study.design import Unit
@@ -87,6 +89,32 @@ class Contestant:
         return (ticks[:, 1] - ticks[:, 0]).astype(float)
 
 
+class ExternalContestant:
+    """An estimator of somebody else about to be timed, in a process of its own.
+
+    Args:
+        take: From ``ExternalFilter.timed``.
+    """
+
+    def __init__(self, take: Callable[[slice, bool], Timed]) -> None:
+        self._take = take
+        self.restart()
+
+    def restart(self) -> None:
+        """Go back to the first sample."""
+        self._begins = True
+
+    def run(self, first: int, stop: int) -> Floats:
+        """Take the samples as ``Contestant.run`` does; return what each took in ns, without the clock."""
+        ticks, empty, self.mean = self._take(slice(0 if self._begins else first, stop), self._begins)
+        self._begins = False
+        return np.maximum(ticks[first - stop :] - empty, 0.0)
+
+    def look(self, times: int) -> Floats:
+        """Return zeros: the clock is subtracted already."""
+        return np.zeros(times)
+
+
 def _kernels(kind: str, compiled: CompiledModel) -> Any:
     file = load_estimator(kind)
     functions = [file.workspace, timed_loop.timed_steps, timed_loop.timed_nothing]
@@ -98,7 +126,7 @@ def _first_lane(array: Floats) -> Floats:
     return np.ascontiguousarray(array[..., :1])
 
 
-def contestants(study: StudySpec, drive: str, duration: float) -> dict[str, Contestant]:
+def contestants(study: StudySpec, drive: str, duration: float) -> dict[str, Contestant | ExternalContestant]:
     """Return the estimators of a study at the beginning of one run in which plant and belief are as stated.
 
     Args:
@@ -127,21 +155,22 @@ def contestants(study: StudySpec, drive: str, duration: float) -> dict[str, Cont
     unit, case = Unit(0, 0, 0, 0, 1), [Case(0, 0)]
     batch, believed = evaluator.simulate(unit, case, samples), evaluator.held(unit, case, "belief")
     belief, measurements = evaluator.compiled.belief, evaluator.compiled.measured(batch.measurements)
-    field = {}
+    field: dict[str, Contestant | ExternalContestant] = {}
     for i, (spec, estimator) in enumerate(zip(study.estimators, evaluator.compiled.estimators, strict=True)):
-        if not isinstance(estimator, CompiledEstimator):
-            raise UserError(
-                f"estimator '{spec.name}' runs in a process of its own, where its steps cannot be timed one by one; "
-                "choose others with --estimator"
-            )
-        inputs = evaluator.inputs(i, 0, batch, believed).at
-        begin = estimator.begin(evaluator.believed_by(i, unit, case, believed))
-        field[spec.name] = Contestant(spec.kind, belief, *begin, inputs, measurements)
+        inputs, held = evaluator.inputs(i, 0, batch, believed), evaluator.believed_by(i, unit, case, believed)
+        if isinstance(estimator, ExternalFilter):
+            field[spec.name] = ExternalContestant(estimator.timed(inputs, measurements, held))
+            continue
+        assert isinstance(estimator, CompiledEstimator)
+        field[spec.name] = Contestant(spec.kind, belief, *estimator.begin(held), inputs.at, measurements)
     return field
 
 
 def measure(
-    field: dict[str, Contestant], samples: int, cycle: float, progress: Callable[[str], None] = lambda _: None
+    field: Mapping[str, Contestant | ExternalContestant],
+    samples: int,
+    cycle: float,
+    progress: Callable[[str], None] = lambda _: None,
 ) -> xr.Dataset:
     """Time every step of a run, first without a pause, in turns of ``TURN`` steps, and then one per cycle.
 
@@ -163,6 +192,7 @@ def measure(
         UserError: If an estimator does not give numbers to the end.
     """
     names, steps = list(field), samples - 1
+    looks = next((c for c in field.values() if isinstance(c, Contestant)), field[names[0]])
     taken = np.empty((len(PACES), len(names) + 1, steps))
     for name, contestant in field.items():
         progress(f"compiling {name}")
@@ -178,9 +208,9 @@ def measure(
         for name, contestant in field.items():
             _refuse_divergence(name, contestant)
             contestant.restart()
-        taken[0, -1] = field[names[0]].look(steps)
+        taken[0, -1] = looks.look(steps)
         progress(f"timing {steps} steps, one {PACES[1]} of {cycle:g} s")
-        interrupted = _every_cycle(list(field.values()), samples, cycle, taken[1])
+        interrupted = _every_cycle(list(field.values()), looks, samples, cycle, taken[1])
     taken *= 1e-9
     overhead = np.median(taken[:, -1:], axis=2, keepdims=True)
     return xr.Dataset(
@@ -197,7 +227,13 @@ def measure(
     )
 
 
-def _every_cycle(field: Sequence[Contestant], samples: int, cycle: float, taken: Floats) -> NDArray[np.bool_]:
+def _every_cycle(
+    field: Sequence[Contestant | ExternalContestant],
+    looks: Contestant | ExternalContestant,
+    samples: int,
+    cycle: float,
+    taken: Floats,
+) -> NDArray[np.bool_]:
     """Let all take one sample per cycle; write the times in ns, the clock's last, and return who was interrupted."""
     interrupted = np.zeros((len(field), samples - 1), dtype=bool)
     begin, slots, rng = time.perf_counter() + cycle, len(field) + 1, np.random.default_rng(0)
@@ -205,7 +241,7 @@ def _every_cycle(field: Sequence[Contestant], samples: int, cycle: float, taken:
         for slot, e in enumerate(rng.permutation(slots)):
             time.sleep(max(begin + (k - 1 + slot / slots) * cycle - time.perf_counter(), 0.0))
             if e == len(field):
-                taken[e, k - 1] = field[0].look(1)[0]
+                taken[e, k - 1] = looks.look(1)[0]
                 continue
             switches = forced_switches()
             taken[e, k - 1] = field[e].run(k, k + 1)[0]
@@ -213,7 +249,7 @@ def _every_cycle(field: Sequence[Contestant], samples: int, cycle: float, taken:
     return interrupted
 
 
-def _refuse_divergence(name: str, contestant: Contestant) -> None:
+def _refuse_divergence(name: str, contestant: Contestant | ExternalContestant) -> None:
     if not np.all(np.isfinite(contestant.mean)):
         raise UserError(f"estimator '{name}' diverges on this drive, so its time is meaningless; choose another drive")
 

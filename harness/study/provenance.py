@@ -57,7 +57,7 @@ def engine_hash(study: StudySpec) -> str:
 
 def parts(study: StudySpec) -> list[ModuleType]:
     """Return the components that a study uses, which ``evaluate`` finds by name and does not import."""
-    components = [ESTIMATORS.load(e.kind, ()) for e in study.estimators]
+    components = [ESTIMATORS.load(e.kind) for e in study.estimators]
     for spec in (study.plant, study.belief):
         if spec.external is not None:
             components.append(SENSORS.load(spec.sensors))

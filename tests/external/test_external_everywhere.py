@@ -8,10 +8,12 @@ import harness as h
 from harness.cli.main import app
 from harness.common.errors import UserError
 from harness.config import build_study, load_study
+from harness.realtime.measure import contestants, measure
+from harness.realtime.outcome import PACES
 from harness.study.replay import Place, Replayer
 from harness.study.run import run_study
 from harness.study.stored import study_of
-from support.observers import CONTENT, source
+from support.observers import CONTENT, OF_THE_LIBRARY, compiled, needs_compiler, source
 
 FILTER = """
 import numpy as np
@@ -113,6 +115,12 @@ def test_a_result_is_of_the_files_that_it_was_made_with(folder):
         study_of(out)
 
 
+def test_it_is_listed_with_its_settings():
+    done = CliRunner().invoke(app, ["list", "estimators", "external"])
+    assert done.exit_code == 0, done.output
+    assert "measurements" in done.output
+
+
 def test_the_command_says_what_was_lost(folder):
     text = (
         'name = "foreign"\ntargets = ["yaw_rate"]\n'
@@ -126,3 +134,26 @@ def test_the_command_says_what_was_lost(folder):
     done = CliRunner().invoke(app, ["run", "foreign.toml", "--out", "out", "--jobs", "1"])
     assert done.exit_code == 0, done.output
     assert "walks:Ends: 3 runs lost: ValueError: over (walks.py, line 31)" in done.output.replace("\n", " ")
+
+
+@needs_compiler
+def test_single_steps_are_timed_in_their_process(folder):
+    compiled(folder, source("observer.c"))
+    estimators = [
+        {"name": "C", "kind": "external", "library": "libobserver.so", **OF_THE_LIBRARY},
+        {"name": "Python", "kind": "external", "python": "observer:Observer"},
+        {"name": "EKF", "kind": "ekf"},
+    ]
+    field = contestants(build_study({**CONTENT, "estimator": estimators}, folder / "study.toml"), "sine", 1.0)
+    times = measure(field, 101, 0.002)
+    c, python, ekf = (times.step_time.sel(estimator=n, pace=PACES[0]).median().item() for n in ("C", "Python", "EKF"))
+    assert 0.0 < c < python < 1e-3
+    assert 0.0 < ekf < 1e-3
+    np.testing.assert_allclose(field["C"].mean, field["Python"].mean, rtol=1e-9)
+
+
+def test_what_fails_when_timed_is_an_error_in_one_line(folder):
+    estimators = [{"name": "ends", "kind": "external", "python": "walks:Ends"}]
+    field = contestants(build_study({**CONTENT, "estimator": estimators}, folder / "study.toml"), "sine", 2.0)
+    with pytest.raises(UserError, match=r"its steps cannot be timed: ValueError: over"):
+        measure(field, 150, 0.002)

@@ -25,7 +25,7 @@ from harness.testing.small_models import compiled_linear
 ROOT = Path(__file__).parents[2]
 SPIN = """
 from numba import njit
-from harness.realtime.timed_loop import nanoseconds
+from harness.engine.clock import nanoseconds
 @njit
 def spin(duration):
     begin = nanoseconds()

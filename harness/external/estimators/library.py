@@ -19,7 +19,7 @@ from numba.extending import intrinsic
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.engine.compile import load_source
-from harness.external.bodies import RunEstimates
+from harness.external.bodies import RunEstimates, Timed
 
 HEADER = Path(__file__).with_name("harness_estimator.h")
 
@@ -52,6 +52,7 @@ def call_step(
 _LOOP = '''"""Loop over time of an estimator in C."""
 import numpy as np
 from numba import njit
+from harness.engine.clock import nanoseconds
 from harness.external.estimators.library import call_step
 
 
@@ -67,6 +68,19 @@ def run(function, state, inputs, measurements, step, estimates, variances, nis):
         if status != 0:
             return k, status
     return inputs.shape[0], 0
+
+
+@njit(nogil=True, cache=True)
+def timed(function, state, inputs, measurements, step, estimates, variances, nis, begins, ticks):
+    """Take all samples into one row of estimates, each between two readings of the clock (samples, 2)."""
+    u, y = np.int64(inputs.ctypes.data), np.int64(measurements.ctypes.data)
+    x, v, d = np.int64(estimates.ctypes.data), np.int64(variances.ctypes.data), np.int64(nis.ctypes.data)
+    nu, ny = 8 * inputs.shape[1], 8 * measurements.shape[1]
+    for k in range(inputs.shape[0]):
+        dt = 0.0 if begins and k == 0 else step
+        ticks[k, 0] = nanoseconds()
+        call_step(function, state, u + k * nu, y + k * ny, dt, x, v, d)
+        ticks[k, 1] = nanoseconds()
 '''
 
 
@@ -103,7 +117,7 @@ class LibraryEstimator:
         if wrong := [f"{name} = {size}" for name, size in self._sizes.items() if size < 0]:
             raise UserError(f"{Path(file).name}: harness_sizes gives {', '.join(wrong)}")
         self._gives = gives
-        self._run = load_source("library_loop", _LOOP).run
+        self._loops = load_source("library_loop", _LOOP)
 
     def declared(self) -> dict[str, Any]:
         """Return the sizes."""
@@ -119,10 +133,21 @@ class LibraryEstimator:
         if status := self._reset(state.ctypes.data, values.ctypes.data, step):
             return RunEstimates(estimates, None, None, 0, f"harness_reset returned {status}")
         given = inputs, measurements, step, estimates, variances, nis
-        reached, status = self._run(self._step, state.ctypes.data, *given)
+        reached, status = self._loops.run(self._step, state.ctypes.data, *given)
         reason = f"harness_step returned {status}" if status else ""
         has_variances, has_nis = self._gives
         return RunEstimates(estimates, variances if has_variances else None, nis if has_nis else None, reached, reason)
+
+    def timed(self, step: float, inputs: Floats, measurements: Floats, values: Floats, begins: bool) -> Timed:
+        """Take samples, of a new run if it begins, see ``harness.external.bodies.EstimatorBody``."""
+        if begins:
+            self._timed = np.zeros(1 + self._sizes["state_bytes"] // 8)
+            self._reset(self._timed.ctypes.data, values.ctypes.data, step)
+        ticks = np.zeros((len(inputs), 2), dtype=np.int64)
+        estimates, variances = np.full((2, self._sizes["estimates"]), math.nan)
+        given = inputs, measurements, step, estimates, variances, np.full(1, math.nan), begins, ticks
+        self._loops.timed(self._step, self._timed.ctypes.data, *given)
+        return (ticks[:, 1] - ticks[:, 0]).astype(float), 0.0, estimates  # the clock's own time is that of kernels
 
 
 def load(loader: Mapping[str, Any]) -> LibraryEstimator:

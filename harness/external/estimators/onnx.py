@@ -10,6 +10,7 @@ of a run are one call.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
-from harness.external.bodies import RunEstimates
+from harness.external.bodies import RunEstimates, Timed
 
 TYPES = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 
@@ -93,6 +94,22 @@ class NetworkEstimator:
         estimates, variances, nis = (*rows, None, None)[:3]
         assert estimates is not None
         return RunEstimates(estimates, variances, None if nis is None else nis[:, 0], samples)
+
+    def timed(self, step: float, inputs: Floats, measurements: Floats, values: Floats, begins: bool) -> Timed:
+        """Take samples, of a new run if it begins; return how long each took and an empty one does, in ns."""
+        if begins:
+            self._feed, self._last = dict(self._first), np.zeros(measurements.shape[1])
+            self._recent = np.zeros((self._window or 1, self._width), self._type)
+        clock, ticks, asked = time.perf_counter_ns, [], [self._given[0], *self._state.values()]
+        for u, y in zip(inputs, measurements, strict=True):
+            self._last = np.where(np.isnan(y), self._last, y)
+            self._recent = np.vstack([self._recent[1:], np.append(u, self._last)[None].astype(self._type)])
+            self._feed[self._input] = self._recent if self._window is None else self._recent[None]
+            begin = clock()
+            estimates, *state = self._session.run(asked, self._feed)
+            ticks.append(clock() - begin)
+            self._feed.update(zip(self._state, state, strict=True))
+        return np.array(ticks, dtype=float), 0.0, np.ravel(estimates).astype(float)
 
     def _stepped(self, table: Any, wanted: list[str]) -> list[Any]:
         """Return the outputs of one call for each sample, states handed on."""

@@ -8,6 +8,7 @@ variances and, where it gives one, the NIS. ``reset(values, step)`` begins a run
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Mapping
 from typing import Any
 
@@ -15,7 +16,7 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
-from harness.external.bodies import RunEstimates
+from harness.external.bodies import RunEstimates, Timed
 from harness.external.in_words import in_words
 from harness.external.references import imported
 
@@ -50,11 +51,7 @@ class PythonEstimator:
 
     def estimate(self, step: float, inputs: Floats, measurements: Floats, values: Floats, seed: int) -> RunEstimates:
         """Run over what was measured, see ``harness.external.bodies.EstimatorBody``."""
-        held = dict(zip(self._names, values.tolist(), strict=True))
-        if hasattr(self._estimator, "reset"):
-            self._estimator.reset(held, step)
-        else:
-            self._estimator = self._made(**self._settings)
+        self._begin(step, values)
         samples, k = len(inputs), 0
         try:
             first = self._estimator.step(inputs[0], measurements[0], 0.0)
@@ -74,6 +71,25 @@ class PythonEstimator:
                 raise
             return self._of(rows, k, in_words(error))
         return self._of(rows, samples, "")
+
+    def timed(self, step: float, inputs: Floats, measurements: Floats, values: Floats, begins: bool) -> Timed:
+        """Take samples, of a new run if it begins; return how long each took and an empty one does, in ns."""
+        if begins:
+            self._begin(step, values)
+        clock, ticks, answer, empty = time.perf_counter_ns, [], None, []
+        for k, (u, y) in enumerate(zip(inputs, measurements, strict=True)):
+            begin = clock()
+            answer = self._estimator.step(u, y, 0.0 if begins and k == 0 else step)
+            end = clock()
+            ticks.append(end - begin)
+            empty.append(clock() - end)
+        return np.array(ticks, dtype=float), float(np.median(empty)), np.ravel(self._split(answer)[0]).astype(float)
+
+    def _begin(self, step: float, values: Floats) -> None:
+        if hasattr(self._estimator, "reset"):
+            self._estimator.reset(dict(zip(self._names, values.tolist(), strict=True)), step)
+        else:
+            self._estimator = self._made(**self._settings)
 
     def _split(self, answer: Any) -> tuple[Any, ...]:
         """Return estimates and what is with them."""
