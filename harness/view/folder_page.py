@@ -1,8 +1,8 @@
-"""The page of a folder of several results, such as that of a campaign: each with its answer and a link to its page."""
+"""The pages of a folder of several results, each with its answer and a link to its page, and of a campaign."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +11,13 @@ from bokeh.document import Document
 from harness.common.errors import UserError
 from harness.models.quantities import print_unit, words
 from harness.reporting import style
-from harness.view import campaign_page
 from harness.view.frame import Part, address_bar, put_parts, read_record, said
 from harness.view.tables import table
 
 _SEVERAL = {"study": "studies"}
 
 
-def build(folder: Path, results: Sequence[tuple[Path, str]]) -> Callable[[Document], None]:
+def of_several(folder: Path, results: Sequence[tuple[Path, str]]) -> Callable[[Document], None]:
     """Return what puts the page of a folder into a document.
 
     Args:
@@ -40,9 +39,9 @@ def build(folder: Path, results: Sequence[tuple[Path, str]]) -> Callable[[Docume
         addresses = {path.name: str(i) for i, (path, _) in enumerate(results, 1)}
         for path, kind in results:
             if kind == "campaign":
-                record = read_record(path / campaign_page.FILE)
+                record = read_record(path / FILE)
                 hint = "A study opens its page; of several, the first."
-                parts.append(Part("What the campaign found", [campaign_page.findings(record, addresses)], hint))
+                parts.append(Part("What the campaign found", [findings(record, addresses)], hint))
         put_parts(document, f"Results in {folder.name or folder}", [count], parts, address_bar())
 
     return put
@@ -70,8 +69,8 @@ def _told(folder: Path, kind: str) -> tuple[str, str]:
             best, harms, counts = sentences(analysis)
             return title, " ".join((best or harms or counts)[:1])
         if kind == "campaign":
-            record = read_record(folder / campaign_page.FILE)
-            return str(record.get("title", folder.name)), campaign_page.in_short(record)
+            record = read_record(folder / FILE)
+            return str(record.get("title", folder.name)), in_short(record)
         file = {"trace": "trace.json", "identification": "identify.json", "check": "check.json"}[kind]
         record = read_record(folder / file)
         return folder.name, _answer(record)
@@ -92,3 +91,48 @@ def _answer(record: dict[str, Any]) -> str:
         for e in numbers
     )
     return f"{record.get('model', '')}: {', '.join(values)}"
+
+
+FILE = "campaign.json"
+
+
+def of_campaign(folder: Path) -> Callable[[Document], None]:
+    """Return what puts the page of a campaign into a document.
+
+    Args:
+        folder: With ``campaign.json``.
+
+    Raises:
+        UserError: If it cannot be read.
+    """
+    record = read_record(folder / FILE)
+
+    def put(document: Document) -> None:
+        title = str(record.get("title", folder.name))
+        put_parts(document, title, [in_short(record)], [Part("What was found?", [findings(record, {})])], address_bar())
+
+    return put
+
+
+def in_short(record: Mapping[str, Any]) -> str:
+    """Return how many findings have which verdict."""
+    verdicts = [str(f["verdict"]) for f in record.get("findings") or []]
+    return f"{len(verdicts)} findings: " + ", ".join(f"{verdicts.count(v)} {v}" for v in dict.fromkeys(verdicts)) + "."
+
+
+def findings(record: Mapping[str, Any], pages: Mapping[str, str]) -> Any:
+    """Return the table of findings.
+
+    Args:
+        record: The record.
+        pages: Address of the page of a result, by the name of its folder.
+    """
+    rows = record.get("findings") or []
+    columns = {
+        "finding": [str(f["finding"]) for f in rows],
+        "source": [str(f["place"]) for f in rows],
+        "verdict": [str(f["verdict"]) for f in rows],
+        "ours": [str(f["ours"]) for f in rows],
+        "studies": [", ".join(words(str(s)) for s in f["studies"]) for f in rows],
+    }
+    return table(columns, {"studies": [next((pages[s] for s in f["studies"] if s in pages), "") for f in rows]})

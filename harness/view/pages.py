@@ -60,14 +60,15 @@ def pages(folders: Sequence[Path], study: Path | None = None) -> dict[str, Put]:
             "commands run, trace, identify, check and campaign write them"
         )
     inner_pages = {f"/{i}": _later(path, study_folder) for i, path in enumerate(inner, 1)}
-    return {"/": folder_page.build(folder, [(path, str(kind_of(path))) for path in inner]), **inner_pages}
+    return {"/": folder_page.of_several(folder, [(path, str(kind_of(path))) for path in inner]), **inner_pages}
 
 
 def _page(folder: Path, study_folder: Path | None) -> Put:
     """Return the page of one result; what pages of another kind need is not imported."""
-    module = {"study": "study_page", "trace": "trace_page", "identification": "fit_page", "check": "check_page",
-              "campaign": "campaign_page"}  # fmt: skip
+    module = {"study": "study_page", "trace": "trace_page", "identification": "fit_page", "check": "check_page"}
     kind = str(kind_of(folder))
+    if kind == "campaign":
+        return folder_page.of_campaign(folder)
     build = import_module(f"harness.view.{module[kind]}").build
     page: Put = build(folder, study_folder) if kind == "study" else build(folder)
     return page
