@@ -49,6 +49,8 @@ class CompiledEstimator:
         uncertain: bool = False,
     ) -> None:
         file = load_estimator(kind)
+        if hasattr(file, "filter_of"):
+            raise UserError(f"estimator '{kind}' is no kernel; it runs in studies, on recordings and nowhere else")
         self.kind, self.compiled, self._file, self._uncertain = kind, compiled, file, uncertain
         self.ports, self.signals = Ports.of(compiled.model), compiled.signal_names
         self.has_covariance = bool(file.HAS_COVARIANCE)

@@ -71,7 +71,7 @@ class ExternalFilter:
         self.ports, self.signals = Ports.of(compiled.model), compiled.signal_names
         self._step = compiled.step_size
         kind, file = next((k, settings[k]) for k in KINDS if settings[k] is not None)
-        self.losses = Losses(file)
+        self._kind, self.losses = kind, Losses(file)
         self._where = f"estimator {kind} = '{file}'"
         if kind == "fmu" and any(isinstance(settings[name], Mapping) for name in GROUPS):
             self._refuse("an FMU, or its map, states the units; list the signals alone")
@@ -165,6 +165,8 @@ class ExternalFilter:
         Raises:
             UserError: If its code cannot be timed so, or fails.
         """
+        if self._kind == "fmu":
+            self._refuse("steps of an FMU cannot be timed one by one; leave it out of the study")
         run = self._runs(inputs.at, measurements, held)[0]
 
         def take(samples: slice, begins: bool) -> Timed:

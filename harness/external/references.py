@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import importlib.util
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,17 @@ def located(reference: str, folders: Sequence[Path]) -> tuple[Path | None, dict[
             if file.is_file():
                 return file, {**loader, "import_from": [str(folder.resolve())]}
     return None, loader
+
+
+def installed(reference: str) -> Path | None:
+    """Return the file of a module of ``module:Name`` among installed packages, which are not imported for it."""
+    top, *parts = reference.partition(":")[0].split(".")
+    spec = importlib.util.find_spec(top)
+    if spec is None or spec.origin is None:
+        return None
+    stem = Path(spec.origin).parent.joinpath(*parts) if parts else Path(spec.origin).with_suffix("")
+    files = stem.with_suffix(".py"), stem / "__init__.py"
+    return next((file for file in files if file.is_file()), None)
 
 
 def imported(loader: Mapping[str, Any]) -> Any:

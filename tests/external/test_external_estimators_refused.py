@@ -1,10 +1,14 @@
 """Estimators of somebody else that cannot run: one line before the study begins, or one that fails at once."""
 
+import sys
+
 import pytest
 
 from harness.common.errors import UserError
 from harness.config import build_study
+from harness.external.references import installed
 from harness.study.evaluate import StudyEvaluator
+from harness.testing import check_estimator
 from support.observers import CONTENT, OF_THE_LIBRARY, compiled, needs_compiler, source
 
 MODULE = """
@@ -138,3 +142,16 @@ def test_a_library_of_another_machine(tmp_path):
     library.write_bytes(content)
     with pytest.raises(UserError, match=r"cannot be loaded: .*ELFCLASS32"):
         evaluator(tmp_path, library="libobserver.so", **OF_THE_LIBRARY)
+
+
+def test_it_is_no_kernel():
+    with pytest.raises(UserError, match="'external' is no kernel"):
+        check_estimator("external")
+
+
+def test_installed_modules_have_a_file_and_are_not_imported():
+    adapters = installed("harness.external.estimators.adapters:FilterPy")
+    assert adapters.name == "adapters.py"
+    assert installed("pkg_that_is_not_there.module:Filter") is None
+    assert installed("turtledemo.clock:main").name == "clock.py"
+    assert "turtledemo" not in sys.modules

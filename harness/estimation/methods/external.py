@@ -6,7 +6,6 @@ of its estimates and the NIS.
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,6 +16,7 @@ from harness.engine.compile import CompiledModel
 from harness.estimation.external_filter import ExternalFilter
 from harness.estimation.external_loader import KINDS, kind_of
 from harness.external.bodies import MODULES
+from harness.external.references import installed
 from harness.runner.contract import Filter
 
 HAS_COVARIANCE = False
@@ -73,6 +73,9 @@ def filter_of(settings: Settings, compiled: CompiledModel, folder: Path) -> Filt
 
 
 def files(settings: Settings, folder: Path) -> tuple[Path, ...]:
-    """Return the file of ours that runs it, which is imported by name; those that it names belong to the study."""
-    spec = importlib.util.find_spec(MODULES[kind_of(settings.model_dump())])
-    return () if spec is None or spec.origin is None else (Path(spec.origin),)
+    """Return the file of ours that runs it, which is imported by name, and an installed module that it names.
+
+    What lies in the folder of the study belongs to the study.
+    """
+    named = [f"{MODULES[kind_of(settings.model_dump())]}:load", *([settings.python] if settings.python else [])]
+    return tuple(path for path in map(installed, named) if path is not None)
