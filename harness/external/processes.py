@@ -21,6 +21,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from harness.common.errors import UserError
+from harness.external.transport import receive, send
 
 TIMEOUT = 60.0
 """Seconds by the clock that a run of foreign code may take unless a study states others."""
@@ -85,11 +86,11 @@ class Worker:
     def call(self, method: str, arguments: tuple[Any, ...], timeout: float) -> Any:
         """Return what a method of the body returns, or ``Lost``; after a crash or time-out ``alive`` is false."""
         try:
-            self._connection.send((method, arguments))
+            send(self._connection, (method, arguments))
             if not self._connection.poll(timeout):
                 self.close()
                 return Lost(f"it gave no answer within {timeout:g} s and was ended")
-            status, value = self._connection.recv()
+            status, value = receive(self._connection)
         except (EOFError, OSError):
             return Lost(self._end())
         return value if status == "done" else Lost(value)

@@ -1,7 +1,7 @@
 """Main program of a worker process: makes a body from its loader, then calls its methods until nobody asks any more.
 
-Requests and answers are pickled by ``multiprocessing.connection`` over a socket that the parent made, never over the
-standard streams, which belong to the foreign code. An answer is ``("done", value)``, or ``("failed", words)`` where the
+Requests and answers go over a socket that the parent made (``harness.external.transport``), never over the standard
+streams, which belong to the foreign code. An answer is ``("done", value)``, or ``("failed", words)`` where the
 body raised an error. The first answer says whether the body could be made.
 """
 
@@ -18,6 +18,7 @@ from typing import Any
 from harness.common.errors import UserError
 from harness.external import bodies
 from harness.external.in_words import in_words
+from harness.external.transport import receive, send
 
 
 def main(handle: int) -> None:
@@ -32,7 +33,7 @@ def main(handle: int) -> None:
     body: Any = None
     while True:
         try:
-            method, arguments = connection.recv()
+            method, arguments = receive(connection)
         except (EOFError, OSError):
             os._exit(0)  # foreign destructors have hung and crashed
         try:
@@ -42,11 +43,11 @@ def main(handle: int) -> None:
             else:
                 answer = getattr(body, method)(*arguments)
         except UserError as error:
-            connection.send(("failed", str(error)))
+            send(connection, ("failed", str(error)))
         except BaseException as error:
-            connection.send(("failed", in_words(error)))
+            send(connection, ("failed", in_words(error)))
         else:
-            connection.send(("done", answer))
+            send(connection, ("done", answer))
 
 
 def _end_with(parent: int) -> None:

@@ -187,6 +187,29 @@ def test_an_fmu_may_end_the_simulation(version, tmp_path):
     assert "ended the simulation at t = 1" in run(body).reason
 
 
+def test_a_step_of_fmi_3_that_comes_back_early_is_gone_on_with(tmp_path):
+    early = "if (!m->b[0]) { m->b[0] = 1; *early = 1; step /= 2; *last = t + step; } else m->b[0] = 0;"
+    halves = run(plant(make(tmp_path / "early", SPRING.faulty(STEP=early), 3)))
+    two = run(plant(make(tmp_path / "two", SPRING, 3, substeps=2)))
+    assert (halves.reached, halves.reason) == (300, "")
+    np.testing.assert_allclose(halves.outputs, two.outputs, rtol=0, atol=1e-12)
+    ends = run(plant(make(tmp_path / "ends", SPRING.faulty(STEP="*end = t >= 1.0;"), 3)))
+    assert (ends.reached, "ended the simulation" in ends.reason) == (101, True)
+    stuck = run(plant(make(tmp_path / "stuck", SPRING.faulty(STEP="*early = 1; *last = t; return OK;"), 3)))
+    assert (stuck.reached, "came back early" in stuck.reason) == (1, True)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_discrete_inputs_change_in_event_mode(version, tmp_path):
+    (tmp_path / "plain").mkdir()
+    expected = run(plant(make(tmp_path / "plain", SPRING, version, "me")))
+    sets = replace(SPRING, variability="discrete").faulty(EVENT="m->b[0]++;", COMPLETED="if (m->b[0] > 1000) return 3;")
+    discrete = run(plant(make(tmp_path, sets, version, "me")))
+    assert discrete.outputs.tobytes() == expected.outputs.tobytes()
+    counted = run(plant(make(tmp_path, sets.faulty(COMPLETED="if (m->b[0] > 100) return 3;"), version, "me")))
+    assert counted.reached == 101  # one event at the start, and one at each sample behind it
+
+
 def test_events_without_an_end_are_an_error(tmp_path):
     assert "find no end" in run(plant(make(tmp_path, SPRING.faulty(EVENT="again = 1;"), 2, "me"))).reason
 

@@ -3,6 +3,7 @@
 import os
 import time
 
+import numpy as np
 import pytest
 
 from harness.common.errors import UserError
@@ -23,6 +24,10 @@ class Body:
         print("licence expired", flush=True); os._exit(4)
     def fail(self): raise RuntimeError("no licence\\nfor you")
     def pid(self): return os.getpid()
+    def litter(self):
+        import tempfile
+        return tempfile.mkdtemp()
+    def turned(self, a): return a.T, a[:0], a[::2] * 2
 def load(loader):
     if loader.get("refuse"): raise ValueError("not on this machine")
     if loader.get("crash"): os.abort()
@@ -86,3 +91,22 @@ def test_a_process_is_reused(workers):
 def test_a_body_that_cannot_be_made_is_an_error_of_the_user(loader, how, words):
     with pytest.raises(UserError, match=words):
         Workers({**loader, how: True}).call("double", 1)
+
+
+def test_temporary_files_go_with_their_process(loader):
+    workers = Workers(loader)
+    folder = workers.call("litter")
+    assert os.path.isdir(folder)
+    workers.close()
+    assert not os.path.exists(os.path.dirname(folder))
+
+
+def test_arrays_of_any_layout_come_back_whole(loader):
+    workers = Workers(loader)
+    given = np.arange(600_000.0).reshape(2000, 300)
+    turned, empty, doubled = workers.call("turned", given)
+    workers.close()
+    np.testing.assert_array_equal(turned, given.T)
+    assert empty.shape == (0, 300)
+    doubled += given[::2]
+    np.testing.assert_array_equal(doubled, 3 * given[::2])
