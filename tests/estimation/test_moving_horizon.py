@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numba import njit
 from scipy.optimize import least_squares
 
 from harness.engine.compile import compile_model
@@ -75,3 +76,11 @@ def test_a_mass_that_is_far_off_is_found():
     means, covariances = run("moving_horizon", compiled(mass()), u, y, [0.0], {"window": 5})
     assert np.exp(means[-1, 2]) == pytest.approx(4.0, rel=0.1)
     assert (means[-1, 2] - np.log(4.0)) ** 2 < 9 * covariances[-1, 2, 2]
+
+
+@pytest.mark.parametrize("first", [0, 3])
+def test_noise_of_inputs_adds_its_squares_to_that_of_states_and_outputs(first):
+    enlarged = CompiledEstimator("moving_horizon", compiled_linear())._kernels.enlarged
+    variances, errors = np.random.default_rng(5).random((2, 8)), np.random.default_rng(6).normal(size=(5, 3, 8))
+    total = njit(lambda v, e, k: enlarged(v, e, k))(variances, errors, first)
+    np.testing.assert_allclose(total, variances + (errors[first : first + 2] ** 2).sum(axis=1), rtol=1e-14)

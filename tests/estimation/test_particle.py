@@ -240,6 +240,28 @@ def test_several_batches_begin_as_each_alone(compiled):
             np.testing.assert_array_equal(found[batch], wanted)
 
 
+def test_of_normal_numbers_that_come_in_pairs_the_one_left_over_is_the_next_first(compiled):
+    kernel = CompiledEstimator("particle", compiled)._kernels.normals
+
+    @njit
+    def draw(z, spare, words):
+        s0, s1 = kernel(z, spare, get(words, 0), get(words, 1))
+        put(s0, words, 0)
+        put(s1, words, 1)
+
+    words, rows = generator_words(SEEDS), []
+    z = np.full((4, LANES), np.nan)
+    for call in range(2000):
+        left = z[3].copy()
+        draw(z, call % 2 == 1, words)
+        if call % 2:
+            np.testing.assert_array_equal(z[0], left)
+        rows.append(z[:3].copy())
+    drawn = np.concatenate(rows).reshape(1000, 6, LANES)
+    whitened = np.einsum("nil,njl->ij", drawn, drawn) / (1000 * LANES)
+    np.testing.assert_allclose(whitened, np.eye(6), atol=0.06)  # five standard deviations of 8000 products
+
+
 # --- resampling
 
 

@@ -4,7 +4,7 @@ import pytest
 import sympy as sp
 
 from harness.models.assembly.assemble import Body, assemble
-from harness.models.assembly.plan import Planner
+from harness.models.assembly.plan import Planner, _guessed
 from harness.models.contracts import Parameter
 from harness.models.roles import PARAMETERS, VEHICLES
 from harness.testing.small_models import module
@@ -102,3 +102,15 @@ def test_what_says_where_axles_and_coupling_are_is_a_length(vehicle, lengths):
     file = VEHICLES.load(vehicle)
     model = assemble(file, "linear" if vehicle == "car" else "magic_formula")
     assert Planner(model, file).lengths == lengths
+
+
+@pytest.mark.parametrize(
+    ("points", "width"),
+    [([(-1.0, 0.0), (2.0, 0.0)], 1.8), ([(-4.0, 0.0), (8.0, 0.0)], 2.5), ([(-1.0, -0.7), (2.0, 0.8)], 1.6)],
+)
+def test_a_guessed_outline_is_as_wide_as_its_wheels_stand_else_as_its_length_says(points, width):
+    """Three fifths of the length, a lorry's width at most; a quarter of the length ahead and behind."""
+    outline, (back, front) = _guessed(points), (points[0][0], points[1][0])
+    assert outline.width == pytest.approx(width)
+    overhang = (front - back) / 4
+    assert (outline.back, outline.front) == pytest.approx((back - overhang, front + overhang))
