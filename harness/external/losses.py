@@ -18,12 +18,20 @@ class Losses:
 
     def add(self, reason: str) -> None:
         """Count one run."""
+        self.add_all(Counter([reason]))
+
+    def add_all(self, counts: Counter[str]) -> None:
+        """Count runs by reason, such as those of another process."""
         with self._lock:
-            self._counts[reason] += 1
+            self._counts.update(counts)
+
+    def taken_counts(self) -> Counter[str]:
+        """Return the runs by reason, and begin to count anew."""
+        with self._lock:
+            counts, self._counts = self._counts, Counter()
+        return counts
 
     def taken(self) -> list[str]:
         """Return a line for each reason, the most frequent first, and begin to count anew."""
-        with self._lock:
-            counts = self._counts.most_common()
-            self._counts.clear()
+        counts = self.taken_counts().most_common()
         return [f"{self._name}: {n} run{'s' if n > 1 else ''} lost: {reason}" for reason, n in counts]

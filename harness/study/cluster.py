@@ -16,6 +16,7 @@ import os
 import platform
 import threading
 import time
+from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,6 +30,7 @@ from harness.common.errors import ModelError, UserError, WorkError
 from harness.common.process import keep_freed_memory
 from harness.common.sources import has_file
 from harness.config import StudySpec
+from harness.external.losses import Losses
 from harness.study import sealed_root
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
@@ -211,7 +213,13 @@ def _refuse_other_code(who: str, expected: dict[str, str], reported: dict[str, s
 
 
 def evaluate(
-    client: Client, study: StudySpec, folder: Path, todo: Sequence[Unit], console: Console, seconds: float | None = None
+    client: Client,
+    study: StudySpec,
+    folder: Path,
+    todo: Sequence[Unit],
+    console: Console,
+    seconds: float | None = None,
+    losses: Sequence[Losses] = (),
 ) -> Iterator[Unit]:
     """Evaluate units on the workers, which write the scores; return each unit when it is in the store.
 
@@ -224,6 +232,7 @@ def evaluate(
         todo: What is to be evaluated.
         console: Where lost workers are reported.
         seconds: How long a unit takes, about; ``None`` where that is not known.
+        losses: Those of the evaluator, to which the runs are added that foreign code lost on the workers.
 
     Raises:
         ClusterFailure: If one unit has lost several workers, or the scheduler is gone.
@@ -244,7 +253,10 @@ def evaluate(
             done = completed.next_batch(block=False)
             for future in done:
                 pending.discard(future)
-                yield from future.result()
+                units, lost = future.result()
+                for own, counts in zip(losses, lost, strict=False):
+                    own.add_all(counts)
+                yield from units
             if not done:
                 time.sleep(_PAUSE)
             if time.monotonic() - looked > _LOOK:
@@ -293,12 +305,14 @@ def _in_a_task(units: int, workers: int, seconds: float | None) -> int:
     return max(1, min(wanted, units // (_TASKS_EACH * max(workers, 1))))
 
 
-def _evaluate_there(study: StudySpec, units: Sequence[Unit], there: _There) -> Sequence[Unit]:
-    """Evaluate units and write their scores; runs on a worker."""
+def _evaluate_there(
+    study: StudySpec, units: Sequence[Unit], there: _There
+) -> tuple[Sequence[Unit], list[Counter[str]]]:
+    """Evaluate units, write their scores, return them and what foreign code lost by reason; runs on a worker."""
     evaluator, store = _open(study, there)
     for unit in units:
         store.write(unit, evaluator.evaluate(unit))
-    return units
+    return units, [losses.taken_counts() for losses in evaluator.losses]
 
 
 def _open(study: StudySpec, there: _There) -> tuple[StudyEvaluator, Store]:

@@ -139,12 +139,15 @@ class StudyEvaluator:
         numbers = len(recorded) + len(outputs) + len(self.study.plant.input_noise)
         return max(1, _SIMULATED_AT_ONCE // (8 * LANES * numbers * len(self.compiled.drives[unit.drive].plant)))
 
+    @property
+    def losses(self) -> list[Losses]:
+        """Runs that plants and estimators of somebody else lost, those of each."""
+        ran = (self.compiled.simulator, *self.compiled.estimators)
+        return [losses for each in ran if isinstance(losses := getattr(each, "losses", None), Losses)]
+
     def lost(self) -> list[str]:
         """Return in words which runs plants and estimators of somebody else lost, and why, since the last call."""
-        ran = (self.compiled.simulator, *self.compiled.estimators)
-        return [
-            s for each in ran if isinstance(losses := getattr(each, "losses", None), Losses) for s in losses.taken()
-        ]
+        return [sentence for losses in self.losses for sentence in losses.taken()]
 
     def cases(self, unit: Unit) -> Cases:
         """Return the runs of a unit."""

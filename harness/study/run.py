@@ -283,7 +283,7 @@ def _evaluate(
         from harness.study import cluster
 
         each = None if plan.seconds is None else plan.seconds * min(plan.workers, len(todo)) / len(todo)
-        finished = cluster.evaluate(client, study, store.folder, todo, console, each)
+        finished = cluster.evaluate(client, study, store.folder, todo, console, each, evaluator.losses)
     columns = MofNCompleteColumn(), _Rate(total - to_do), TextColumn("left"), TimeRemainingColumn()
     with bar(console, *columns, transient=False) as progress:
         task = progress.add_task(study.name, total=total, completed=total - to_do)

@@ -15,16 +15,27 @@ from rich.console import Console
 
 from harness.common import components
 from harness.common.errors import UserError
-from harness.config import load_study
+from harness.config import build_study, load_study
 from harness.study import cluster
 from harness.study.design import Unit
 from harness.study.provenance import code_state
 from harness.study.run import run_study
 from harness.study.score_names import OK, PENDING
 from harness.study.store import STORE
+from support.observers import CONTENT
 from support.probe_study import STUDY, bits
 
 pytestmark = pytest.mark.proof
+
+ENDS = """
+class Ends:
+    inputs, measurements, estimates, k = (), ("yaw_rate",), ("yaw_rate",), 0
+    def step(self, u, y, dt):
+        self.k += 1
+        if self.k == 101:
+            raise ValueError("over")
+        return 0.0 if dt == 0.0 else y[0]
+"""
 
 
 @pytest.fixture(scope="module")
@@ -102,6 +113,18 @@ def test_two_processes_write_the_bits_of_one(study, alone, client, console, tmp_
     assert bits(out) == bits(alone)
     record = json.loads((out / "run.json").read_text())
     assert (record["jobs"], record["runs"]) == (2, 28)
+
+
+def test_what_foreign_code_loses_on_workers_is_counted_here(client, console, tmp_path):
+    (tmp_path / "ends.py").write_text(ENDS)
+    foreign = {"name": "ends", "kind": "external", "python": "ends:Ends"}
+    given = build_study({**CONTENT, "estimator": ["ekf", foreign]}, tmp_path / "study.toml")
+    here, there = Console(file=io.StringIO(), width=400), console
+    by_threads = run_study(given, tmp_path / "here", jobs=2, console=here)
+    on_workers = run_study(given, tmp_path / "there", console=there, client=client)
+    for each in (here, there):
+        assert "ends:Ends: 22 runs lost: ValueError: over (ends.py, line 7)" in each.file.getvalue()
+    assert bits(on_workers) == bits(by_threads)
 
 
 def test_the_units_of_a_lost_worker_are_done_by_others(study, alone, mortal, console, tmp_path):
