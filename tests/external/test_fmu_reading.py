@@ -269,3 +269,26 @@ def test_without_fmpy_one_line_names_the_extra(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "fmpy", None)
     with pytest.raises(UserError, match=r"pip install 'robustness-harness\[fmu\]'"):
         read_model(fmu(tmp_path, description()))
+
+
+@pytest.mark.parametrize(
+    ("name", "definition", "factor"),
+    [
+        ("rad/s", '<BaseUnit s="-1"/>', 1.0),
+        ("deg/s", '<BaseUnit s="-1" factor="0.017453292519943295"/>', 0.017453292519943295),
+        ("Hz", '<BaseUnit s="-1"/>', None),
+        ("rpm", '<BaseUnit s="-1" rad="1" factor="0.10471975511965977"/>', 0.10471975511965977),
+        ("rad/s", '<BaseUnit s="-1" factor="2"/>', None),
+    ],
+)
+def test_a_definition_that_does_not_know_the_radian_counts_where_the_name_does(name, definition, factor, tmp_path):
+    from harness.external.fmu.units import of_variable
+
+    xml = description().replace("<ModelVariables>", f'<UnitDefinitions><Unit name="{name}">{definition}</Unit>'
+                                "</UnitDefinitions><ModelVariables>")  # fmt: skip
+    model = read_model(fmu(tmp_path, xml))
+    if factor is None:
+        with pytest.raises(UserError, match=f"its unit '{name}'"):
+            of_variable(model, name, "rad/s", "map: yaw_rate")
+    else:
+        assert of_variable(model, name, "rad/s", "map").scale == pytest.approx(factor, rel=1e-15)

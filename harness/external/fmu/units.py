@@ -65,13 +65,23 @@ def of_variable(model: FmuModel, unit: str, target: str, where: str) -> Conversi
         return stated(unit, target, where)
     if not defined.exponents and defined.factor == 1.0:
         return stated("1", target, where)
-    wanted = dict(_exponents(target))
-    if dict(defined.exponents) != wanted:
+    if dict(defined.exponents) != dict(_exponents(target)) and not _lacks_radians_only(unit, defined, target):
         raise UserError(
             f"{where}: its unit '{unit}' is {_text(defined.exponents)} in base units, but {target or '1'} is expected; "
             'state the right one in the map: { variable = "...", unit = "..." }'
         )
     return Conversion(defined.factor, defined.offset, target)
+
+
+def _lacks_radians_only(unit: str, defined: BaseUnit, target: str) -> bool:
+    """Return whether a unit fits by its name, and its definition does not know the radian, as some tools write it."""
+    wanted, has = dict(_exponents(target)), dict(defined.exponents)
+    wanted.pop("rad", None)
+    try:
+        by_name = stated(unit, target, "")
+    except UserError:
+        return False
+    return has == wanted and math.isclose(by_name.scale, defined.factor)
 
 
 def of_parameter(model: FmuModel, unit: str) -> Conversion | None:
