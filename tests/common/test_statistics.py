@@ -1,11 +1,13 @@
 """Known answers for the statistics of the report."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy import stats
 
 from harness.common import statistics
-from harness.runner.scores import chi_square_bounds
+from harness.runner.scores import Scoring, chi_square_bounds
 
 
 def test_median_interval_of_a_sample_that_cannot_vary():
@@ -248,3 +250,13 @@ def test_bounds_of_a_squared_error_are_those_of_scipy(tmp_path, monkeypatch, cov
     bounds = chi_square_bounds(12, coverage)
     expected = [stats.chi2.interval(coverage, degrees) for degrees in range(1, 12)]
     np.testing.assert_allclose(bounds, [(0.0, 0.0), *expected], rtol=1e-12)
+
+
+def test_a_squared_error_by_a_covariance_that_has_no_inverse_is_none():
+    """Of five runs: the unit covariance, one that is stretched, none, one that is not finite, and one below zero."""
+    covariance = np.stack([np.eye(2), np.diag([4.0, 0.25]), np.zeros((2, 2)), np.diag([np.nan, 1.0]), -np.eye(2)])
+    mean = np.tile(np.array([1.0, 2.0, 5.0])[:, None], (1, 5))[None]
+    history = SimpleNamespace(mean=mean[:, :2], state_covariance=np.moveaxis(covariance, 0, -1)[None])
+    truth = np.tile(np.array([1.5, 9.0, 1.0])[:, None], (1, 5))[None]
+    nees = Scoring._nees(SimpleNamespace(truth=truth), history, np.array([0, 2]), slice(None))
+    np.testing.assert_allclose(nees[0], [0.25 + 1.0, 0.25 / 4 + 1.0 / 0.25, np.nan, np.nan, np.nan])

@@ -82,6 +82,8 @@ def test_an_offset_tells_of_a_relation_that_is_exact_only():
             a, b = (responses.response(replace(fit, offset=o), smoothed, channels, False).value for o in (0.0, 5.0))
             moves = np.abs(a - b).max() > 1e-6 * np.abs(a).max()
             assert moves == (relation.exact and not relation.through_zero), relation.formula
+            drifting = [responses.response(fit, smoothed, channels, drifts).design for drifts in (False, True)]
+            assert [bool(d[:, responses.KINDS.index(DRIFT)].any()) for d in drifting] == [False, relation.exact]
     assert kinds >= {(True, False), (False, False), (True, True)}
 
 
