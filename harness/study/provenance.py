@@ -134,7 +134,8 @@ def _of_texts(there: Any, here: str) -> str:
     except UserError:
         return "its stored text cannot be read"
     return _listed(iter(changed)) or (
-        "the texts agree, so that a file differs that it names: drives, parameters, tuning, a recording or the plant"
+        "the texts agree, so that a file differs that it names: drives, parameters, tuning, a recording, an estimator "
+        "or the plant"
     )
 
 

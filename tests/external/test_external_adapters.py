@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import harness as h
 from harness.config import build_study
 from harness.study.design import units
 from harness.study.evaluate import StudyEvaluator
@@ -149,3 +150,22 @@ def test_a_filter_of_another_library_has_the_scores_of_ours(folder, adapter, set
         for name in ("rmse", "bias", "max_error", "nis", "nis_inside"):
             own, other = np.moveaxis(result[name], 2, 0)
             np.testing.assert_allclose(other, own, rtol=1e-12, atol=1e-15, err_msg=name)
+
+
+def test_single_missing_measurements_are_left_out_as_ours_does(folder, monkeypatch):
+    """On a recording with gaps; others of filterpy than unscented ones say that they cannot."""
+    pytest.importorskip("filterpy")
+    monkeypatch.chdir(folder)
+    car = h.model("car", "govindarajan_2018", tyre="linear", sensors="car_series")
+    recording = h.simulate(car, h.drive("sine", duration="5 s", amplitude="20 deg"), seed=1)
+    recording["lateral_acceleration"][::3] = np.nan
+    recording["yaw_rate"][::5] = np.nan
+    names = {name: GETS[name] for name in ("inputs", "measurements", "estimates")}
+    adapter, settings = "harness.external.estimators.adapters:FilterPy", {"make": "mine:unscented", "alpha": 0.5}
+    theirs = h.Estimator("external", python=adapter, settings=settings, **names)
+    runs = h.estimate(
+        car, recording, {"ours": h.Estimator("ukf", alpha=0.5, kappa=1.0), "theirs": theirs}, inputs="held"
+    ).runs
+    ours, other = runs[("sine", "ours")], runs[("sine", "theirs")]
+    for name in ("lateral_velocity", "lateral_velocity_std", "nis", "nis_degrees"):
+        np.testing.assert_allclose(other[name][1:], ours[name][1:], rtol=1e-9, atol=1e-12, err_msg=name)

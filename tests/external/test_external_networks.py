@@ -8,7 +8,7 @@ from harness.config import build_study
 from harness.study.design import units
 from harness.study.evaluate import StudyEvaluator
 from harness.study.score_names import OK, STATUS
-from support.observers import CONTENT
+from support.observers import CONTENT, OF_THE_LIBRARY, compiled, needs_compiler, source
 
 onnx = pytest.importorskip("onnx")
 pytest.importorskip("onnxruntime")
@@ -141,3 +141,24 @@ def test_a_network_that_does_not_fit_is_an_error_in_one_line(folder, file, chang
     with pytest.raises(UserError, match=words) as raised:
         evaluator(folder, {"onnx": file, **GETS, **changes})
     assert "\n" not in str(raised.value)
+
+
+@needs_compiler
+def test_four_kinds_of_estimators_in_one_study_on_equal_runs(folder):
+    compiled(folder, source("observer.c"))
+    (folder / "observer.py").write_text(source("observer.py"))
+    ekf = {"name": "EKF", "kind": "ekf"}
+    foreign = [
+        {"name": "C", "kind": "external", "library": "libobserver.so", **OF_THE_LIBRARY},
+        {"name": "Python", "kind": "external", "python": "observer:Observer"},
+        {"name": "ONNX", "kind": "external", "onnx": "recurrent.onnx", "settings": STATE, **GETS},
+    ]
+    path = folder / "study.toml"
+    together, alone = (StudyEvaluator(build_study({**CONTENT, "estimator": e}, path)) for e in ([*foreign, ekf], [ekf]))
+    for unit in units(together.study, together.study.designs[0]):
+        all_four, one = together.evaluate(unit), alone.evaluate(unit)
+        assert together.lost() == []
+        assert (all_four[STATUS] == OK).all()
+        for name in ("rmse", "nees", "nis", "log_likelihood"):
+            assert all_four[name][:, :, 3].tobytes() == one[name][:, :, 0].tobytes()
+            assert np.isnan(all_four[name][:, :, :3]).all() == (name != "rmse")
