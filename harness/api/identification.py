@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING, Any
 from harness.api._show import IN_PYTHON, Shown
 from harness.api.model import Model, model_of
 from harness.api.recordings import recordings_of
+from harness.common.errors import UserError
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from harness.identification.fit_recordings import Fitted
     from harness.identification.measured_file import MeasuredStudy
+    from harness.identification.plant_fit import FittedPlant
 
 
 def identify(
@@ -91,6 +93,65 @@ def identified_file(study: MeasuredStudy, jobs: int | None = None) -> Identifica
         return Identification(fit_recordings(task, show))
 
 
+def identified_plant(
+    plant: Mapping[str, Any],
+    train: Any,
+    free: Sequence[str],
+    *,
+    test: Any = (),
+    method: str = "least-squares",
+    settings: Mapping[str, Any] | None = None,
+    seed: int = 0,
+    jobs: int | None = None,
+) -> Identification:
+    """Return parameters of a plant of somebody else, fitted to recordings by its simulation error (internal).
+
+    Args:
+        plant: Keys of ``[plant]``: ``fmu`` with its ``map``, or ``python``, ``values`` and so on.
+        train: Recordings to fit, as of ``identify``.
+        free: Parameters to find: names, or ``NAME=LOWER:UPPER``, the range of the search.
+        test: Held-out recordings.
+        method: ``least-squares`` or ``swarm``.
+        settings: Of the swarm.
+        seed: Of the swarm.
+        jobs: Processes; all cores by default.
+
+    Raises:
+        UserError: As ``identify``, or if the plant publishes nothing that is recorded.
+    """
+    from rich.console import Console
+
+    from harness.common.stages import showing
+    from harness.config.external import plant_alone
+    from harness.identification.data import step_of
+    from harness.identification.plant_fit import PlantTask, fit_plant
+
+    fitted = recordings_of(train, "train")
+    held_out = recordings_of(test, "test") if not _is_none(test) else []
+    recorded = set.intersection(*({str(n) for n in r.data_vars} for r in [*fitted, *held_out]))
+    spec = plant_alone(plant, recorded, step_of(fitted[0]))
+    names: list[str] = []
+    bounds: dict[str, tuple[Any, Any]] = {}
+    for name, equals, ends in ((text.partition("=")) for text in ([free] if isinstance(free, str) else free)):
+        names.append(name.strip())
+        if equals:
+            lower, colon, upper = ends.partition(":")
+            if not colon:
+                raise UserError(f"free '{name}={ends}': write NAME=LOWER:UPPER, such as 'mass=1 t:2 t'")
+            bounds[name.strip()] = _number(lower), _number(upper)
+    task = PlantTask(spec, fitted, tuple(names), bounds, held_out, method, dict(settings or {}), seed, jobs)
+    with showing(Console(stderr=True), "starting the plant") as show:
+        return Identification(fit_plant(task, show))
+
+
+def _number(text: str) -> float | str:
+    """Return the end of a range: a number in SI, or text with its unit."""
+    from harness.common.units import plain_number
+
+    number = plain_number(text)
+    return text.strip() if number is None else number
+
+
 def _is_none(given: Any) -> bool:
     return given is None or (isinstance(given, list | tuple) and not given)
 
@@ -98,7 +159,7 @@ def _is_none(given: Any) -> bool:
 class Identification(Shown):
     """Parameters as found; made by ``harness.identify``."""
 
-    def __init__(self, fitted: Fitted) -> None:
+    def __init__(self, fitted: Fitted | FittedPlant) -> None:
         self._fitted = fitted
 
     @property
@@ -114,7 +175,7 @@ class Identification(Shown):
     @property
     def free(self) -> tuple[str, ...]:
         """Names of the parameters that were to be found."""
-        return tuple(self._fitted.problem.free)
+        return self._fitted.free
 
     @property
     def failed(self) -> bool:
@@ -194,17 +255,15 @@ class Identification(Shown):
         Raises:
             UserError: If the folder cannot be written to.
         """
-        from harness.identification.fit_recordings import write_fit
-
-        return write_fit(self._fitted, Path(folder), command)
+        return self._fitted.write(Path(folder), command)
 
     def _facts(self) -> dict[str, Any]:
-        fit, problem = self._fitted.fit, self._fitted.problem
+        fit = self._fitted.fit
         return {
             "answer": self.answer,
             "model": fit.spec.model().name,
             "method": fit.method,
-            "fitted": ", ".join(d.name for d in problem.drives),
+            "fitted": ", ".join(d.name for d in self._fitted.drives),
             "held out": ", ".join(d.name for d in self._fitted.tests),
             "converged": "yes" if fit.converged else "no",
             **{e.name: f"{e.value:.6g} ± {e.error:.2g} {e.unit}" for e in fit.estimates},

@@ -187,7 +187,12 @@ class MeasuredOptions:
         from harness.identification.measured_file import MeasuredStudy
 
         if self.file is None:
-            lacking = {"--model": self.model.vehicle, "--train": self.train, "--out": self.out, **self.needed}
+            lacking = {
+                "--model": self.model.vehicle or self.plant,
+                "--train": self.train,
+                "--out": self.out,
+                **self.needed,
+            }
             if missing := [option for option, given in lacking.items() if not given]:
                 raise UserError(f"{command} a file of measured drives, or give {', '.join(missing)}")
             return None
@@ -197,6 +202,11 @@ class MeasuredOptions:
                 f"{self.file} states model, recordings and all that is asked; give only --out and --jobs beside"
             )
         return MeasuredStudy.read(self.file), self.out or RESULTS / f"{command}-{self.file.stem}"
+
+    @property
+    def plant(self) -> dict[str, Any]:
+        """What stands in place of a model."""
+        return {}
 
     @property
     def needed(self) -> dict[str, Any]:

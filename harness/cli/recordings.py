@@ -149,13 +149,30 @@ def _entry(value: Any, option: str) -> Any:
 class IdentifyOptions(MeasuredOptions):
     """A model to fit to recordings."""
 
-    method: Annotated[str, typer.Option("--method", help="likelihood, swarm or em.")] = "likelihood"
+    method: Annotated[
+        str | None,
+        typer.Option("--method", help="likelihood, swarm or em; of a plant of somebody else least-squares or swarm."),
+    ] = None
     settings: Annotated[
         list[str] | None, typer.Option("--setting", metavar="NAME=VALUE", help="Setting of the method; repeatable.")
     ] = None
     integrator: IntegratorOption = "rk4"
     substeps: Annotated[int, typer.Option("--substeps", min=1, max=MOST, help="Integration steps per sample.")] = 1
     seed: SeedOption = 0
+    fmu: Annotated[str | None, typer.Option("--fmu", metavar="FILE", help="FMU in place of --model.")] = None
+    map: Annotated[
+        str | None, typer.Option("--map", metavar="FILE", help="Which of its variables is which signal.")
+    ] = None
+    python: Annotated[
+        str | None, typer.Option("--python", metavar="MODULE:CLASS", help="Plant in Python in place of --model.")
+    ] = None
+
+    @property
+    def plant(self) -> dict[str, Any]:
+        """A plant of somebody else as keys of ``[plant]``; empty where none is named."""
+        stated = {"fmu": self.fmu, "map": self.map, "python": self.python}
+        keys: dict[str, Any] = {name: value for name, value in stated.items() if value is not None}
+        return {**keys, "integrator": self.integrator, "substeps": self.substeps} if keys else {}
 
 
 @takes(IdentifyOptions)
@@ -163,10 +180,11 @@ def identify(task: IdentifyOptions) -> None:
     """Identify parameters of a model from recordings, with their uncertainty.
 
     Takes a file of measured drives, such as studies/identify/genesis.toml, or a model and recordings. The search begins
-    at the values of the parameter set. All measured outputs of the sensors are fitted.
+    at the values of the parameter set. All measured outputs of the sensors are fitted. With --fmu or --python a plant
+    of somebody else is fitted by its simulation error.
     Writes a parameter set that studies load, identify.json, and a report on the fitted and the held-out drives.
     """
-    from harness.api.identification import identified_file
+    from harness.api.identification import identified_file, identified_plant
     from harness.api.identification import identify as identified
     from harness.api.recordings import read_recording
 
@@ -176,6 +194,19 @@ def identify(task: IdentifyOptions) -> None:
             Console().print(Text(study.absent), soft_wrap=True)
             return
         fit = identified_file(study, task.jobs)
+    elif task.plant:
+        assert task.out is not None
+        out = task.out
+        fit = identified_plant(
+            task.plant,
+            [read_recording(path, task.channels) for path in task.train],
+            listed(task.free or []),
+            test=[read_recording(path, task.channels) for path in task.test],
+            method=task.method or "least-squares",
+            settings=pairs(task.settings, "--setting"),
+            seed=task.seed,
+            jobs=task.jobs,
+        )
     else:
         assert task.out is not None
         out, free = task.out, listed(task.free or [])
@@ -184,7 +215,7 @@ def identify(task: IdentifyOptions) -> None:
             [read_recording(path, task.channels) for path in task.train],
             free,
             test=[read_recording(path, task.channels) for path in task.test],
-            method=task.method,
+            method=task.method or "likelihood",
             settings=pairs(task.settings, "--setting"),
             seed=task.seed,
             jobs=task.jobs,

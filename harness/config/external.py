@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,9 +12,9 @@ from harness.common.files import read_toml
 from harness.common.registry import closest
 from harness.common.units import to_si
 from harness.config.bounds import out_of_bounds
-from harness.config.model import Stated, input_noise, noise_scale, number, refuse_unknown
+from harness.config.model import Stated, input_noise, noise_scale, number, refuse_unknown, stated
 from harness.config.parameter_set import variance_unit
-from harness.config.problems import Problems
+from harness.config.problems import Problems, validated
 from harness.config.schema import ModelTable
 from harness.config.specs import ExternalSpec, ModelSpec
 from harness.external import python_plant
@@ -107,6 +108,46 @@ def resolve_external(
         input_noise=input_noise(table, model, problems),
     )
     return complete if len(problems) == before else None
+
+
+def plant_alone(content: Mapping[str, Any], recorded: Collection[str], step: float) -> ModelSpec:
+    """Return a plant without a belief, whose sensors are what of its outputs is recorded.
+
+    Args:
+        content: Keys of ``[plant]``; files are looked for in the working directory.
+        recorded: Signals of the recordings.
+        step: Their sample time in s.
+
+    Raises:
+        UserError: If anything in it is wrong, or nothing that it publishes is recorded.
+    """
+    problems = Problems("the plant")
+    raw = validated(dict(content), ModelTable, problems)
+    problems.stop()
+    assert raw is not None
+    description = _description(raw, Path(), problems)
+    sensors = [p.signal for p in description.outputs if p.signal in recorded]
+    if not sensors:
+        published = ", ".join(p.signal for p in description.outputs)
+        raise UserError(f"nothing that the plant publishes is recorded; it publishes {published}")
+    spec = ModelSpec(
+        vehicle="",
+        parameters="",
+        tyre=None,
+        effects=(),
+        sensors=", ".join(sensors),
+        integrator=raw.integrator or "euler",
+        step=step,
+        substeps=raw.substeps or 1,
+        values={},
+        process_noise={p.signal: 0.0 for p in description.disturbances},
+        measurement_noise=dict.fromkeys(sensors, 0.0),
+        external=ExternalSpec(description, (Path(),)),
+    )
+    table = stated("plant", raw, Path(), problems)
+    spec = replace(spec, values=_values(table, spec.model(), description, problems))
+    problems.stop()
+    return spec
 
 
 def _description(raw: ModelTable, folder: Path, problems: Problems) -> Description:

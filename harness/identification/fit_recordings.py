@@ -72,6 +72,16 @@ class Fitted:
     tests: tuple[DriveData, ...]
     notes: tuple[str, ...] = ()
 
+    @property
+    def drives(self) -> tuple[DriveData, ...]:
+        """The fitted recordings."""
+        return self.problem.drives
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Names of the parameters that were to be found."""
+        return tuple(self.problem.free)
+
     @cached_property
     def judged(self) -> list[Judged]:
         """Every recording against the model before and after the fit, the fitted ones first."""
@@ -83,6 +93,28 @@ class Fitted:
         with contextlib.suppress(ArithmeticError, ValueError):
             return answer(self.fit, self.judged)
         return answer(self.fit)
+
+    def write(self, folder: Path, command: str) -> list[Path]:
+        """Write the parameter set, ``identify.json``, the recordings over time and the report; return their paths.
+
+        Args:
+            folder: Where to.
+            command: How it was made, for the report.
+
+        Raises:
+            UserError: If the folder cannot be written to.
+        """
+        failures = Failures(folder)
+        judged = failures.attempt("the comparison with the recordings", lambda: self.judged, lambda _: [])
+        not_made = [Prose(plain(sentence)) for sentence in failures.sentences]
+        names = ", ".join(drive.name for drive in self.drives)
+        return [
+            *write_outcome(folder, self.fit, judged, f"harness identify, method {self.fit.method}, on {names}"),
+            *write_files(folder, {FILE: series_of(judged, self.problem.innovations.model)}),
+            *report(self.fit, judged, command, evidence=not_made or None, notes=self.notes).write(
+                folder, failures=failures
+            ),
+        ]
 
 
 def fit_recordings(task: FitTask, say: Callable[[str], None] = lambda _: None) -> Fitted:
@@ -118,30 +150,6 @@ def _check_free(spec: ModelSpec, names: Sequence[str]) -> None:
         if name not in parameters:
             raise UserError(f"free: the model has no parameter '{name}'{closest(name, parameters)}")
     refuse_repeated(names, "free")
-
-
-def write_fit(fitted: Fitted, folder: Path, command: str) -> list[Path]:
-    """Write the parameter set, ``identify.json``, the recordings over time and the report; return their paths.
-
-    Args:
-        fitted: What was found.
-        folder: Where to.
-        command: How it was made, for the report.
-
-    Raises:
-        UserError: If the folder cannot be written to.
-    """
-    failures = Failures(folder)
-    judged = failures.attempt("the comparison with the recordings", lambda: fitted.judged, lambda _: [])
-    not_made = [Prose(plain(sentence)) for sentence in failures.sentences]
-    names = ", ".join(drive.name for drive in fitted.problem.drives)
-    return [
-        *write_outcome(folder, fitted.fit, judged, f"harness identify, method {fitted.fit.method}, on {names}"),
-        *write_files(folder, {FILE: series_of(judged, fitted.problem.innovations.model)}),
-        *report(fitted.fit, judged, command, evidence=not_made or None, notes=fitted.notes).write(
-            folder, failures=failures
-        ),
-    ]
 
 
 _LONGEST = 300.0

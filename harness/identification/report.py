@@ -52,19 +52,20 @@ def report(
         notes: What is odd about the recordings.
     """
     sections = [
-        Section(lambda: _answer(fit, judged, notes), "What was found?"),
-        *(_gains(fit, judged) if evidence is None else evidence),
-        Section(lambda: _parameters(fit), "Which values?"),
+        Section(lambda: answered(fit, judged, notes), "What was found?"),
+        *(gains(fit, judged) if evidence is None else evidence),
+        Section(lambda: parameters(fit), "Which values?"),
         Section(lambda: _over_time(fit, judged), "Does the simulation follow the drives?"),
         Section(lambda: _errors(fit, judged), "How large are the errors?", headed=False),
         Section(lambda: _residuals(fit, judged), "Are the innovations white?"),
-        Section(lambda: _certainty(fit), "Which estimates are correlated?"),
-        Section(lambda: _made(fit, command), "How was it made?"),
+        Section(lambda: certainty(fit), "Which estimates are correlated?"),
+        Section(lambda: made(fit, command), "How was it made?"),
     ]
     return Report(title or f"What do the recordings say about {words(fit.spec.vehicle)}?", sections)
 
 
-def _answer(fit: Fit, judged: Sequence[Judged], notes: Sequence[str]) -> list[Block]:
+def answered(fit: Fit, judged: Sequence[Judged], notes: Sequence[str]) -> list[Block]:
+    """Return the answer, with what casts doubt on it."""
     blocks: list[Block] = [Prose(strong(answer(fit, judged)))]
     if not fit.converged:
         blocks.append(Prose(plain("The search did not converge; take the values with care.")))
@@ -79,7 +80,8 @@ def _answer(fit: Fit, judged: Sequence[Judged], notes: Sequence[str]) -> list[Bl
     return blocks
 
 
-def _gains(fit: Fit, judged: list[Judged]) -> list[Block]:
+def gains(fit: Fit, judged: list[Judged]) -> list[Block]:
+    """Return how the simulation error of each recording changes."""
     return [
         Section(
             lambda: [Bullets([plain(_gain(j, fit)) for j in judged])],
@@ -107,11 +109,12 @@ def _shown(name: str, value: float) -> str:
     return style.with_unit(q.scale * value, q.unit)
 
 
-def _parameters(fit: Fit) -> list[Block]:
-    parameters = [e for e in fit.estimates if e.name in fit.spec.values]
+def parameters(fit: Fit) -> list[Block]:
+    """Return the values that were found."""
+    physical = [e for e in fit.estimates if e.name in fit.spec.values]
     noise = [e for e in fit.estimates if e.name not in fit.spec.values]
-    blocks: list[Block] = [_sheet(parameters, "Parameters before and after the fit")]
-    if any(e.profile is not None for e in parameters):
+    blocks: list[Block] = [_sheet(physical, "Parameters before and after the fit")]
+    if any(e.profile is not None for e in physical):
         blocks.append(
             Drawing(
                 lambda: figures.profiles(fit),
@@ -123,8 +126,8 @@ def _parameters(fit: Fit) -> list[Block]:
     if noise:
         caption = "Noise before and after; process noise as a factor on the variances of all states of that unit"
         blocks.append(_sheet(noise, caption))
-    reasons = [f"{words(e.name)}: {e.reason}" for e in parameters if e.reason and e.verdict != "determined"]
-    confounded = [f"{words(e.name)}: {e.reason}" for e in parameters if "confounded" in e.reason]
+    reasons = [f"{words(e.name)}: {e.reason}" for e in physical if e.reason and e.verdict != "determined"]
+    confounded = [f"{words(e.name)}: {e.reason}" for e in physical if "confounded" in e.reason]
     remarks = list(dict.fromkeys([*reasons, *confounded]))
     return [*blocks, Bullets([plain(r) for r in remarks])] if remarks else blocks
 
@@ -147,21 +150,22 @@ def _sheet(estimates: list[Estimate], caption: str) -> Sheet:
 
 
 def _over_time(fit: Fit, judged: list[Judged]) -> list[Block]:
-    outputs = list(fit.spec.model().outputs)
-    blocks: list[Block] = [
-        Prose(
-            plain(
-                "Free run: the model is simulated over the recorded inputs, without measurements. It begins behind the "
-                f"first {BLOCK:g} s, or a {FEWEST}th of a short drive, in the state that its filter has found there."
-            )
-        ),
-    ]
+    begins = (
+        "Free run: the model is simulated over the recorded inputs, without measurements. It begins behind the first "
+        f"{BLOCK:g} s, or a {FEWEST}th of a short drive, in the state that its filter has found there."
+    )
+    return [Prose(plain(begins)), *drawn(fit, judged, figures.ERROR)]
+
+
+def drawn(fit: Fit, judged: list[Judged], remark: str = "") -> list[Block]:
+    """Return each recording over time, measured and simulated."""
+    outputs, blocks = list(fit.spec.model().outputs), list[Block]()
     for j in judged:
         role = "held out" if j.held_out else "fitted"
         blocks.append(
             Drawing(
                 partial(figures.over_time, j, outputs),
-                f"{j.drive.name} ({role}): measured, and simulated before and after the fit. {figures.ERROR}",
+                f"{j.drive.name} ({role}): measured, and simulated before and after the fit. {remark}".rstrip(),
                 f"Outputs over time of {j.drive.name}: measured and simulated before and after the fit.",
             )
         )
@@ -229,7 +233,8 @@ def whiteness_cells(w: Whiteness) -> list[str]:
     return [style.number(w.variance), style.probability(w.ljung_box), style.probability(w.periodogram)]
 
 
-def _certainty(fit: Fit) -> list[Block]:
+def certainty(fit: Fit) -> list[Block]:
+    """Return the correlation of the estimates."""
     if not fit.correlation.size:
         return []
     caption = (
@@ -241,7 +246,8 @@ def _certainty(fit: Fit) -> list[Block]:
     return [matrix]
 
 
-def _made(fit: Fit, command: str) -> list[Block]:
+def made(fit: Fit, command: str) -> list[Block]:
+    """Return how the fit was made."""
     text = (
         f"Method {fit.method}; {fit.objective} {style.number(fit.before, 6)} before and {style.number(fit.after, 6)} "
         f"after {len(fit.history)} iterations, {'converged' if fit.converged else 'not converged'}."

@@ -73,6 +73,22 @@ class ExternalPlant:
             np.where(inside.all(axis=1), samples, np.argmin(inside, axis=1)).astype(float).reshape(*lead, LANES),
         )
 
+    def outputs(self, inputs: Floats, values: Floats) -> Floats:
+        """Return what the sensors would measure without noise ``(samples, ny)``, NaN from where the run was lost.
+
+        Args:
+            inputs: In the order of ``ports.inputs``, held from sample to sample ``(samples, nu)``.
+            values: Parameters ``(np,)``.
+        """
+        undisturbed = np.zeros((len(inputs), len(self.ports.states)))
+        answer = self._workers.call("simulate", self._step, inputs, undisturbed, values)
+        published, reached = self._outputs(answer, len(inputs))
+        columns = {p.signal: published[:, i] for i, p in enumerate(self._description.outputs)}
+        columns |= {name: inputs[:, i] for i, name in enumerate(self.ports.inputs)}
+        measured = np.column_stack([columns[str(e)] for e in self.model.outputs.values()])
+        measured[reached:] = np.nan
+        return measured
+
     def _outputs(self, answer: Run | Lost, samples: int) -> tuple[Floats, int]:
         """Return the outputs of a run and the first sample from which on nothing counts; count it where it is lost."""
         shape = samples, len(self._description.outputs)
