@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import re
 import threading
-from collections import Counter
+from collections import Counter, defaultdict
+
+_NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
+"""Reasons that differ by their numbers, such as a time, make one line."""
 
 
 class Losses:
@@ -33,5 +37,12 @@ class Losses:
 
     def taken(self) -> list[str]:
         """Return a line for each reason, the most frequent first, and begin to count anew."""
-        counts = self.taken_counts().most_common()
-        return [f"{self._name}: {n} run{'s' if n > 1 else ''} lost: {reason}" for reason, n in counts]
+        alike: defaultdict[str, Counter[str]] = defaultdict(Counter)
+        for reason, n in self.taken_counts().items():
+            alike[_NUMBER.sub("#", reason)][reason] += n
+        lines = []
+        for counts in sorted(alike.values(), key=lambda counts: -counts.total()):
+            (reason, _), n = counts.most_common(1)[0], counts.total()
+            others = " (others with other numbers)" if len(counts) > 1 else ""
+            lines.append(f"{self._name}: {n} run{'s' if n > 1 else ''} lost: {reason}{others}")
+        return lines
