@@ -86,7 +86,10 @@ class StudyEvaluator:
         self.estimate(index - 1, short, [Case(0, 0)], batch, believed)
         name, estimator = self.study.estimators[index - 1].name, self.compiled.estimators[index - 1]
         if isinstance(estimator, ExternalFilter) and (lost := estimator.losses.taken()):
-            raise UserError(f"{self.study.path}: estimator '{name}' fails within the first 3 samples: {lost[0]}")
+            raise UserError(
+                f"{self.study.path}: estimator '{name}' fails within the first 3 samples, at the first of which dt is "
+                f"0 and no measurement is there: {lost[0]}"
+            )
         return name
 
     def _try_plant(self, unit: Unit) -> None:

@@ -93,7 +93,7 @@ def test_what_cannot_be_loaded_is_an_error_in_one_line(folder, settings, words):
     ],
 )
 def test_what_fails_at_once_does_so_before_the_study(folder, name, words):
-    with pytest.raises(UserError, match=f"estimator 'it' fails within the first 3 samples: .*{words}"):
+    with pytest.raises(UserError, match=f"estimator 'it' fails within the first 3 samples, .*{words}"):
         evaluator(folder, python=f"somebody:{name}").warm_up(1)
 
 

@@ -99,7 +99,8 @@ class PythonEstimator:
             return (answer,)
         if not isinstance(answer, tuple) or len(answer) != self._parts:
             wanted = "(estimates, variances)" if self._parts == 2 else "(estimates, variances, nis)"
-            raise UserError(f"step must return the tuple {wanted}, it returned {type(answer).__name__}")
+            returned = f"one of {len(answer)}" if isinstance(answer, tuple) else f"{type(answer).__name__}"
+            raise UserError(f"step must return the tuple {wanted}, it returned {returned}")
         return answer
 
     def _fill(self, rows: list[Floats], k: int, answer: Any) -> None:
