@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from harness.common.arguments import Parser
 from harness.config import build_study
 from harness.engine.simd.lanes import LANES
 from harness.external.estimators.library import HEADER
@@ -24,7 +25,7 @@ from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
 from harness.study.run_noise import Case
 
-RUNS, ROUNDS = 8 * LANES, 7
+RUNS = 8 * LANES
 
 NAMES: dict[str, Any] = {
     "inputs": ["steering_wheel_angle", "speed"],
@@ -108,6 +109,9 @@ def direct_in_python(observer: Any, values: dict[str, float], known: Any, measur
 
 def main() -> None:
     """Measure and print."""
+    parser = Parser(prog="python -m bench.external_estimators", description=__doc__)
+    parser.add_argument("--rounds", type=int, default=7, help="measurements of each, the median counts (%(default)s)")
+    rounds = parser.parse_args().rounds
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         written(folder)
@@ -143,11 +147,11 @@ def main() -> None:
         timed["Python, direct"] = lambda: direct_in_python(Observer(), held, known, measured, step)
         timed["Python, empty, direct"] = lambda: direct_in_python(Empty(), held, known, measured, step)
         taken = {key: [run() for _ in range(2)] and [] for key, run in timed.items()}
-        for _ in range(ROUNDS):
+        for _ in range(rounds):
             for key, run in timed.items():
                 taken[key].append(run())
         each = {key: 1e6 * float(np.median(seconds)) / steps for key, seconds in taken.items()}
-        print(f"{RUNS} runs of {len(measured)} samples, median of {ROUNDS} rounds in turn, us per step and run")
+        print(f"{RUNS} runs of {len(measured)} samples, median of {rounds} rounds in turn, us per step and run")
         for key, value in each.items():
             print(f"{key:24}{value:9.3f}")
         for key in ("C", "Python", "Python, empty"):

@@ -198,6 +198,7 @@ def parsed() -> list[str]:
         "bench.card",
         "bench.peers",
         "bench.faults.child",
+        "harness.external.worker",
         "bench.attribution.changed_criteria",
     }
     return sorted(PROGRAMS - silent)

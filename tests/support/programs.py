@@ -128,6 +128,7 @@ TARGETS: dict[str, Small | Begun | By | Shown] = {
 MODULES: dict[str, Small | Begun | By] = {
     "harness": Small("list studies", r"(?m)^mass ", quick=True),
     "harness.cli.main": Small("--version", r"harness (\d+\.\d+)", quick=True),
+    "harness.external.worker": By("external/test_processes.py::test_a_process_is_reused"),
     "harness.cli.drive_tables": By("cli/test_drive_tables.py::test_the_command_prints_the_peaks_of_every_drive"),
     "reproductions.identify_measured": By("reproductions/test_measured_car.py::test_a_recorded_car_is_identified"),
     "reproductions.narx_training": Small(
@@ -157,6 +158,8 @@ MODULES: dict[str, Small | Begun | By] = {
     ),
     "bench.compilation": Begun("small.toml", EVALUATED, "kind='ekf'", "it compiles into an empty cache"),
     "bench.estimators": Begun("ekf", EVALUATED, "kind='ekf'", "half a minute"),
+    "bench.external": Small("--rounds 1", rf"two workers are {NUMBER} times as fast as one"),
+    "bench.external_estimators": Small("--rounds 1", rf"overhead of C +{NUMBER}"),
     "bench.faults.child": By("bench/test_faults.py::test_a_study_that_was_struck_has_the_same_bits"),
     "bench.floor": Begun("", "bench.floor.throughput.throughput", r"\(\)", "half a minute"),
     "bench.growth": By("bench/test_growth.py::test_a_point_is_measured_and_what_is_there_is_drawn"),
