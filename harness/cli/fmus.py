@@ -28,6 +28,10 @@ RATIO = 16.0
 _LEAST_SURE = 1.6
 """Least log odds of a name that is taken for a signal, as for the columns of recordings."""
 
+_EFFORTS = ("N", "N*m", "kg*m/s^2", "kg*m^2/s^2")
+_EFFORT_WORDS = re.compile(r"(?P<force>force|wind|gust|kraft)|moment|torque", re.IGNORECASE)
+"""Inputs that may take process noise, by unit and by name."""
+
 _SHOWN = 40
 """Variables without a signal that a proposal names."""
 
@@ -142,8 +146,8 @@ def _open_questions(model: FmuModel, inputs: Sequence[str], reals: Sequence[Vari
     lines += [f"No input was taken for {name}: drives state it." for name in DRIVE_INPUTS if name not in inputs]
     if parameters:
         some = ", ".join(parameters[:5]) + (", ..." if len(parameters) > 5 else "")
-        lines.append(f"Its {len(parameters)} parameters are factors under their own names ({some}); to rename one:")
-        lines.append(f'  [parameters]  mass = "{parameters[0]}"')
+        lines.append(f"Its {len(parameters)} parameters are factors under their own names ({some}); to rename one, or")
+        lines.append(f'state its unit:  [parameters]  mass = {{ variable = "{parameters[0]}", unit = "kg" }}')
     lines.append('Beyond which magnitude it is out of control:  [limits]  yaw_rate = "60 deg/s"')
     lines.append('Where drives ask for a lateral acceleration:  [vehicle]  wheelbase = "2.7 m"  steering_ratio = 16')
     rest = [v for v in reals if v.causality in ("input", "output") and v.name not in taken]
@@ -216,12 +220,19 @@ def _entry(model: FmuModel, v: Variable, signal: str, factor: float) -> str | di
 
 
 def _process_noise(model: FmuModel, inputs: Sequence[Variable], taken: set[str]) -> dict[str, object]:
-    """Return inputs that are forces or moments under names of their own."""
+    """Return inputs that are forces or moments, by their unit or else by their name, under names of their own."""
+    import tomlkit
+
     noise: dict[str, object] = {}
     for v in inputs:
         own = of_parameter(model, v.unit)
-        fits = own is not None and written(own.unit) in ("N", "N*m", "kg*m/s^2", "kg*m^2/s^2")
         name = re.sub(r"\W+", "_", v.name).strip("_").lower()
-        if v.name not in taken and fits and name and name not in noise:
+        if v.name in taken or not name or name in noise:
+            continue
+        if v.unit and own is not None and written(own.unit) in _EFFORTS:
             noise[name] = v.name
+        elif not v.unit and (word := _EFFORT_WORDS.search(v.name)):
+            entry = tomlkit.inline_table()
+            entry.update({"variable": v.name, "unit": "N" if word["force"] else "N*m"})
+            noise[name] = entry
     return noise

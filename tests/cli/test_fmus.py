@@ -14,7 +14,7 @@ pytestmark = needs_compiler
 
 TRUCK = replace(
     SPRING,
-    inputs={"lenkradwinkel": "deg", "v_x": "km/h", "wind.force": "N", "brake": ""},
+    inputs={"lenkradwinkel": "deg", "v_x": "km/h", "wind.force": "N", "brake": "", "yawMoment": ""},
     outputs={"yawRate": "deg/s", "psi_dot": "", "ay": "m/s2", "temperature": "degC", "beta": "rad"},
     code="y[0] = u[0] * p[0]; dx[0] = 0; dx[1] = 0;",
 )
@@ -50,7 +50,10 @@ def test_a_proposed_map_works_as_it_is(run, tmp_path):
     assert {p.signal: p.variable for p in described.inputs} == {"steering_wheel_angle": "lenkradwinkel", "speed": "v_x"}
     outputs = {p.signal: p.variable for p in described.outputs}
     assert outputs == {"yaw_rate": "yawRate", "lateral_acceleration": "ay", "sideslip_angle": "beta"}
-    assert [(p.signal, p.variable, p.unit) for p in described.disturbances] == [("wind_force", "wind.force", "N")]
+    assert [(p.signal, p.variable, p.unit) for p in described.disturbances] == [
+        ("wind_force", "wind.force", "N"),
+        ("yawmoment", "yawMoment", "N*m"),
+    ]
     text = (tmp_path / "truck_2_cs.toml").read_text()
     for open_question in ("Not used: input brake", "Not used: output temperature in degC", "2 parameters are factors"):
         assert open_question in text

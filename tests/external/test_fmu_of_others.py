@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from harness.common.files import read_toml
 from harness.external import python_plant
 from harness.external.fmu.read import describe
 from harness.external.processes import Lost, Workers
@@ -81,13 +82,9 @@ def test_the_multi_body_car_of_commonroad_as_fmu_moves_as_its_python_class(tmp_p
         pytest.skip("PythonFMU has no binary for this platform")
     path = builder.build_FMU(CAR / "slave.py", dest=tmp_path, project_files=[CAR / "plant.py"])
     declared = python_plant.described("plant:MultiBody", (CAR,), "plant")
-    units = {p.signal: p.unit for p in (*declared.inputs, *declared.outputs, *declared.disturbances)}
-    tables = {"inputs": declared.inputs, "outputs": declared.outputs, "process_noise": declared.disturbances}
-    content = {
-        table: {p.signal: {"variable": p.signal, "unit": units[p.signal]} for p in ports}
-        for table, ports in tables.items()
-    }
-    described = describe(path, content)
+    described = describe(path, read_toml(CAR / "car.toml"))
+    for group in ("inputs", "outputs", "disturbances"):
+        assert [p.signal for p in getattr(described, group)] == [p.signal for p in getattr(declared, group)]
     assert sorted(p.name for p in described.parameters) == sorted(p.name for p in declared.parameters)
     time = 0.01 * np.arange(60)
     inputs = {"steering_wheel_angle": 0.4 * np.sin(6 * time), "speed": np.full(60, 20.0)}
