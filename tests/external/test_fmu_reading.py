@@ -292,3 +292,18 @@ def test_a_definition_that_does_not_know_the_radian_counts_where_the_name_does(n
             of_variable(model, name, "rad/s", "map: yaw_rate")
     else:
         assert of_variable(model, name, "rad/s", "map").scale == pytest.approx(factor, rel=1e-15)
+
+
+def test_an_fmu_that_offers_both_is_used_as_it_is_asked_for(tmp_path):
+    from fmpy import platform, sharedLibraryExtension
+
+    xml = description(variables=REAL.format("yaw_rate", 0)).replace(
+        "<ModelVariables>", '<ModelExchange modelIdentifier="truck_me"/><ModelVariables>'
+    )
+    libraries = [(f"binaries/{platform}/{name}{sharedLibraryExtension}", "") for name in ("truck", "truck_me")]
+    path = fmu(tmp_path, xml, libraries)
+    content = {"outputs": {"yaw_rate": {"variable": "yaw_rate", "unit": "rad/s"}}}
+    interfaces = [describe(path, content, interface=i).facts["interface"] for i in (None, "model-exchange")]
+    assert interfaces == ["co-simulation", "model-exchange"]
+    with pytest.raises(UserError, match="offers co-simulation and model-exchange, not scheduled"):
+        describe(path, content, interface="scheduled")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import math
+import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import ModuleType
@@ -68,7 +69,7 @@ class FmuPlant:
         self._instance = Instance(self._library)
         self._checked = False
         self._mark = cache_folder() / "fmu-resets" / digest_of(path)
-        self._instance.resets = not self._mark.exists()
+        self._instance.resets = not _left_behind(self._mark)
 
     def simulate(self, step: float, inputs: Floats, disturbances: Floats, values: Floats) -> Run:
         """Run over a drive; see ``harness.external.bodies.PlantBody``."""
@@ -89,7 +90,7 @@ class FmuPlant:
         """
         self._checked = True
         with contextlib.suppress(OSError):
-            places.write(self._mark, b"")
+            places.write(self._mark, str(os.getpid()).encode())
         again = self._run(step, given, values)
         self._instance.resets &= again.outputs.tobytes() == outputs.tobytes()
         with contextlib.suppress(OSError):
@@ -121,6 +122,17 @@ class FmuPlant:
             library, instance, why, status, names, outputs[min(reached, len(outputs) - 1)], reached * step
         )
         return Run(to_signals(outputs, self._description.outputs), int(reached), reason)
+
+
+def _left_behind(mark: Path) -> bool:
+    """Return whether a process has ended without removing its mark."""
+    try:
+        os.kill(int(mark.read_bytes()), 0)
+    except FileNotFoundError:
+        return False
+    except (OSError, ValueError):
+        return True
+    return False  # it is at it just now
 
 
 def reason_of(
