@@ -116,6 +116,11 @@ class ExternalFilter:
         self._has_nis = nis and self.has_covariance
         self.gives = np.array([name in self._estimates.names for name in self.signals], dtype=bool)
 
+    @property
+    def nis_scale(self) -> float:
+        """Measurements of the belief over those that it takes: scaled so its NIS compares with the former number."""
+        return len(self.ports.outputs) / max(len(self._measurements.names), 1)
+
     def _refuse(self, why: str) -> None:
         raise UserError(f"{self._where}: {why}")
 

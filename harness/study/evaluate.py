@@ -290,7 +290,11 @@ class StudyEvaluator:
     def sums(self, index: int, inputs: InputSeries, batch: Batch, held: Held, keep: bool) -> Sums:
         """Run one estimator with what it believes (``believed_by``), and return what scores are made of."""
         record = Scoring(batch.truth, self.compiled.truth_names, batch.left_at, self.first_scored, keep)
-        return self.compiled.estimators[index].run(inputs, self.compiled.measured(batch.measurements), held, record)
+        estimator = self.compiled.estimators[index]
+        sums = estimator.run(inputs, self.compiled.measured(batch.measurements), held, record)
+        if isinstance(estimator, ExternalFilter):
+            sums.per_run[..., 4, :] *= estimator.nis_scale
+        return sums
 
     def inputs(self, index: int, drive: int, batch: Batch, believed: Held) -> InputSeries:
         """Return the inputs that an estimator gets ``(samples, nu, LANES)``, and what it is told of their errors."""

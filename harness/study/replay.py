@@ -21,6 +21,7 @@ from harness.common.arrays import Floats
 from harness.config import StudySpec
 from harness.config.alone import Change, alone
 from harness.engine.simd.lanes import LANES
+from harness.estimation.external_filter import ExternalFilter
 from harness.models.assembly.plan import GroundPlan, Planner
 from harness.models.roles import VEHICLES
 from harness.models.signals import signal_attributes
@@ -220,6 +221,8 @@ class Replayer:
         measured = compiled.measured(batch.measurements)
         kept = compiled.estimators[index].run(inputs, measured, held, EverySample())
         kept.facts[0] = np.nan
+        if isinstance(estimator := compiled.estimators[index], ExternalFilter):
+            kept.facts[:, 0] *= estimator.nis_scale
         variance = np.einsum("kaa->ka", kept.spread)
         return kept.mean, kept.state_covariance, kept.innovation, variance, kept.facts[:, :2]
 

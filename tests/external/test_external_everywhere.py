@@ -10,6 +10,8 @@ from harness.common.errors import UserError
 from harness.config import build_study, load_study
 from harness.realtime.measure import contestants, measure
 from harness.realtime.outcome import PACES
+from harness.study.design import units
+from harness.study.evaluate import StudyEvaluator
 from harness.study.replay import Place, Replayer
 from harness.study.run import run_study
 from harness.study.stored import study_of
@@ -113,6 +115,16 @@ def test_a_result_is_of_the_files_that_it_was_made_with(folder):
     assert all(path.is_file() for path in stored.report())
     with pytest.raises(UserError, match=r"needs walks:Filter as it was"):
         study_of(out)
+
+
+def test_the_nis_of_one_sensor_of_two_compares_with_that_of_both(folder):
+    (folder / "walks.py").write_text(FILTER.replace("nis = off * off / S", "nis = 1.0"))
+    evaluator = StudyEvaluator(study(folder))
+    unit = units(evaluator.study, evaluator.study.designs[0])[0]
+    np.testing.assert_allclose(evaluator.evaluate(unit)["nis"][:, :, 1], 2.0)
+    np.testing.assert_allclose(evaluator.evaluate(unit)["nis_inside"][:, :, 1], 1.0)
+    run = Replayer(evaluator.study).run(Place(0, 0, 0))
+    np.testing.assert_allclose(run.data.nis.sel(estimator="walk").values[1:], 2.0)
 
 
 def test_it_is_listed_with_its_settings():
