@@ -1,9 +1,14 @@
 """Studies of a plant that is an FMU: scores of the built-in plant, faults that lose their run only."""
 
+from functools import partial
+
 import numpy as np
 import pytest
+import sympy as sp
 
 from harness.config import build_study
+from harness.engine.codegen.derivatives import derive
+from harness.models.signals import SIGNALS
 from harness.study.design import units
 from harness.study.evaluate import StudyEvaluator
 from harness.study.score_names import OK, PLANT_DIVERGED, STATUS
@@ -72,6 +77,48 @@ def test_the_scores_of_the_mass_study_are_those_of_the_built_in_plant(version, k
     theirs, lost = scores(foreign(tmp_path, built_in, version, kind))
     assert lost == []
     assert (theirs[STATUS] == OK).all()
+    for name in whole:
+        np.testing.assert_allclose(theirs[name], whole[name], rtol=1e-6, atol=1e-12, err_msg=name)
+
+
+def in_python(model, values, published):
+    """Return the equations of a vehicle of the harness as a Python class with Euler's steps."""
+    derived = derive(model, published, jacobians=False)
+    code = partial(sp.pycode, user_functions={"larger": "max", "smaller": "min"}, fully_qualified_modules=True)
+    units = {n: SIGNALS[n].unit if n in SIGNALS else "m/s^2" for n in (*model.inputs, *published)}
+    starts = {s: model.start.get(s, 0.0) for s in model.states}
+    first = [float(values.get(v, 0.0) if isinstance(v, str) else v) for v in starts.values()]
+    read = [f"{n} = u['{n}']" for n in model.inputs] + [f"{n} = p['{n}']" for n in model.parameter_names]
+    read += [f"{n} = x[{i}]" for i, n in enumerate(model.states)]
+    read += [f"{n} = {code(value)}" for n, value in {**derived.constants, **derived.assignments}.items()]
+    rates = ", ".join(code(value) for value in derived.derivatives)
+    given = ", ".join(f"'{n}': {code(derived.signals[n])}" for n in published)
+    body = [*read, f"rates = [{rates}]", f"published = {{{given}}}"]
+    body += ["self.x = [a + dt * b for a, b in zip(x, rates)]", "return published"]
+    parameters = {p.name: {"value": values[p.name], "unit": p.unit} for p in model.parameters}
+    return "\n".join(
+        [
+            "import math",
+            "class Truck:",
+            f"    inputs = { {n: units[n] for n in model.inputs} }",
+            f"    outputs = { {n: units[n] for n in published} }",
+            f"    parameters = {parameters}",
+            "    def reset(self, p):",
+            f"        self.p, self.x = p, {first}",
+            "    def step(self, u, dt):",
+            "        p, x = self.p, self.x",
+            *(f"        {line}" for line in body),
+        ]
+    )
+
+
+def test_the_semitrailer_as_python_class_scores_as_the_built_in_one(tmp_path, built_in, whole):
+    spec, model = built_in.plant, built_in.plant.model()
+    published = list(dict.fromkeys((*model.states, *STUDY["targets"], *model.outputs)))
+    (tmp_path / "truck.py").write_text(in_python(model, spec.values, published))
+    plant = {"python": "truck:Truck", "sensors": "series"}
+    theirs, lost = scores(build_study({**STUDY, "plant": plant, "belief": BELIEF}, tmp_path / "study.toml"))
+    assert lost == []
     for name in whole:
         np.testing.assert_allclose(theirs[name], whole[name], rtol=1e-6, atol=1e-12, err_msg=name)
 
