@@ -201,8 +201,11 @@ def _run(
         evaluator().lost()  # of the plan's first runs, which are computed once more
         _evaluate(evaluator(), store, todo, total, plan, console, client, lock)
         seconds = time.perf_counter() - compiled
-        for sentence in evaluator().lost():
+        lost = evaluator().lost()
+        for sentence in lost:
             _say(console, sentence, "yellow")
+        before = str(run_file.read(out).get(run_file.LOST, "")) if to_do < total else ""
+        lost = [*filter(None, [before]), *lost]
         record = {
             "started": started.isoformat(timespec="seconds"),
             "jobs": workers,
@@ -212,6 +215,7 @@ def _run(
             "compile_s": round(compiled - begin, 2),
             "duration_s": round(seconds, 2),
             "runs_per_s": round(to_do / seconds, 1),
+            **({run_file.LOST: "; ".join(lost)} if lost else {}),
         }
         if client is None and (peak := peak_memory_mib()) is not None:
             record["peak_memory_mib"] = peak

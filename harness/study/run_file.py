@@ -14,6 +14,9 @@ from harness.study import bound_file
 
 FILE = "run.json"
 
+LOST = "lost_by_foreign_code"
+"""Which runs plants and estimators of somebody else lost, and why, in words."""
+
 
 def read(folder: Path) -> dict[str, Any]:
     """Return what the file of a result folder says: texts and finite numbers by name; nothing if there is none.

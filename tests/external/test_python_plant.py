@@ -1,11 +1,14 @@
 """A Python class of somebody else as the plant of a study."""
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 
 from harness.common.errors import UserError
+from harness.common.files import toml_text
 from harness.config import build_study
 from harness.study.design import units
 from harness.study.evaluate import StudyEvaluator
@@ -216,3 +219,17 @@ def test_the_report_says_what_the_plant_is_and_where_process_noise_acts(tmp_path
     calm = study(tmp_path, PLANT.replace('disturbances = {"side_force": "kN"}', ""), plant={"python": "my_plant:Plant"})
     (description,) = (json.loads(root_attributes(s)["description"])["plant"]["foreign"] for s in (calm,))
     assert "none" in description["process_noise_acts_on"]
+
+
+def test_the_command_and_the_report_say_which_runs_were_lost(tmp_path):
+    source = PLANT.replace(
+        "        return out\n", "        if m < 1100: raise ValueError('too light')\n        return out\n"
+    )
+    (tmp_path / "my_plant.py").write_text(source)
+    (tmp_path / "study.toml").write_text(toml_text(STUDY))
+    command = [sys.executable, "-m", "harness", "run", "study.toml", "--out", "res"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert done.returncode == 0, done.stderr
+    words = "my_plant:Plant: 3 runs lost: ValueError: too light"
+    assert words in done.stderr
+    assert words in (tmp_path / "res" / "report.html").read_text()

@@ -17,6 +17,7 @@ from harness.study.report.ranking import limits_of, tolerances
 from harness.study.report.sections import boxes, inputs, paired, sensitivity, tolerance
 from harness.study.report.sections.history import inside
 from harness.study.results import Design
+from harness.study.run_file import LOST
 from harness.study.score_names import ESTIMATOR_DIVERGED, PENDING
 
 SURE = 0.5  # share within ± 2σ below which an estimator is over-confident
@@ -129,9 +130,11 @@ def _lost(analysis: Analysis) -> str:
         for e in dict.fromkeys(e for d in designs for e in d.estimators)
         if (n := sum(d.count(ESTIMATOR_DIVERGED, None, d.estimators.index(e)) for d in designs if e in d.estimators))
     ]
+    foreign = analysis.store.run.get(LOST)
+    because = f" Plants and estimators of somebody else lost runs: {foreign}." if foreign else ""
     if not per:
-        return "None."
-    return f"{'; '.join(per)}. They count as larger than any other error."
+        return f"None.{because}"
+    return f"{'; '.join(per)}. They count as larger than any other error.{because}"
 
 
 def _only_on(designs: Sequence[Design], estimator: str) -> str:
