@@ -86,7 +86,7 @@ class ExternalFilter:
         values = settings["values"]
         if values is None and settings["filter"] is not None:
             values = [f"measurement_noise.{o}" for o in settings["measurements"] or model.outputs]
-            values += [SEED] if settings["filter"] == "enkf" else []
+            values += [] if settings["filter"] == "ukf" else [SEED]
         elif values is None:
             values = list(self._all_values) if kind == "python" else []
         for name in values:

@@ -80,6 +80,18 @@ Status API(ExitInitializationMode)(Handle h) { Model *m = h; IN_EXIT_INITIALIZAT
 Status API(Terminate)(Handle h) { return OK; }
 Status API(Reset)(Handle h) { Model *m = h; IN_RESET start(m); return OK; }
 #if VERSION == 2
+#define STATE(name) fmi2##name##FMUstate
+#else
+#define STATE(name) fmi3##name##FMUState
+#endif
+Status STATE(Get)(Handle h, void **kept) {
+    if (!*kept) *kept = malloc(sizeof(Model));
+    memcpy(*kept, h, sizeof(Model));
+    return OK;
+}
+Status STATE(Set)(Handle h, void *kept) { memcpy(h, kept, sizeof(Model)); return OK; }
+Status STATE(Free)(Handle h, void **kept) { free(*kept); *kept = 0; return OK; }
+#if VERSION == 2
 Status fmi2SetReal(Handle h, const Ref refs[], size_t n, const double v[]) {
 #else
 Status fmi3SetFloat64(Handle h, const Ref refs[], size_t n, const double v[], size_t nv) {

@@ -31,12 +31,11 @@ class Settings(BaseModel):
 
     python: str | None = Field(default=None, description="`module:Class`, the module beside the study or installed")
     library: str | None = Field(default=None, description="shared library in C (`harness_estimator.h`)")
-    fmu: str | None = Field(
-        default=None, description="FMU of an observer, for co-simulation; with `filter` of a plant, for model exchange"
-    )
+    fmu: str | None = Field(default=None, description="FMU of an observer, for co-simulation; with `filter` of a plant")
     onnx: str | None = Field(default=None, description="network")
-    filter: Literal["ukf", "enkf"] | None = Field(
-        default=None, description="of an FMU that is a plant: unscented or ensemble filter over its continuous states"
+    filter: Literal["ukf", "enkf", "particle"] | None = Field(
+        default=None,
+        description="of an FMU that is a plant: unscented or ensemble filter over its continuous states, or particles",
     )
     inputs: Names | None = Field(
         default=None,

@@ -21,6 +21,7 @@ from harness.external.bodies import RunEstimates
 from harness.external.description import ExternalParameter, Port
 from harness.external.fmu.instance import Failed, Instance, Library, status_word
 from harness.external.fmu.model import FmuModel, read_model
+from harness.external.fmu.particles import FmuParticles
 from harness.external.fmu.plants import compiled, references, to_signals, to_variables
 from harness.external.fmu.read import describe, scalar_variable
 
@@ -253,22 +254,23 @@ class FmuFilter:
         return published[0], np.maximum(spread @ (published - weights @ published) ** 2, 0.0)
 
 
-def load(loader: Mapping[str, Any]) -> FmuFilter:
+def load(loader: Mapping[str, Any]) -> FmuFilter | FmuParticles:
     """Return the filter that a loader makes.
 
     Args:
         loader: ``file`` is the path of the FMU; ``inputs``, ``measurements`` and ``estimates`` are signals, by default
-            all inputs, what has a noise among the ``values``, and all outputs; ``filter`` is one of ``FILTERS``;
+            all inputs, what has a noise among the ``values``, and all outputs; ``filter`` is one of ``FILTERS``, or
+            ``particle``;
             ``settings`` has the path of a ``map`` as of a plant, and those of ``SETTINGS``.
 
     Raises:
-        UserError: If the FMU cannot be loaded, is none for model exchange, or a setting does not fit.
+        UserError: If the FMU cannot be loaded, lacks the interface that the filter needs, or a setting does not fit.
     """
     path, settings = Path(loader["file"]), dict(loader["settings"])
     chosen, values = settings.pop("map", None), loader.get("values") or ()
-    described = describe(
-        path, None if chosen is None else read_toml(Path(chosen)), str(chosen or path), interface="model-exchange"
-    )
+    interface = "co-simulation" if loader["filter"] == "particle" else "model-exchange"
+    content = None if chosen is None else read_toml(Path(chosen))
+    described = describe(path, content, str(chosen or path), interface=interface)
     outputs = {p.signal: p for p in described.outputs}
     noisy = [n.removeprefix(MEASUREMENT_NOISE) for n in values if n.startswith(MEASUREMENT_NOISE)]
     wanted = {"measurements": noisy, "estimates": list(outputs)}
@@ -283,4 +285,9 @@ def load(loader: Mapping[str, Any]) -> FmuFilter:
         if missing := [n for n in loader["inputs"] if n not in given]:
             raise UserError(f"{path}: inputs: it has no '{missing[0]}'{closest(missing[0], list(given))}")
         ports["inputs"] = [given[n] for n in loader["inputs"]]
-    return FmuFilter(path, ports, loader["filter"], settings, values, described.parameters)
+    if loader["filter"] != "particle":
+        return FmuFilter(path, ports, loader["filter"], settings, values, described.parameters)
+    there = {p.name: p for p in described.parameters}
+    stated = {i: there[name] for i, name in enumerate(values) if name in there}
+    noise = {i: n.removeprefix(MEASUREMENT_NOISE) for i, n in enumerate(values) if n.startswith(MEASUREMENT_NOISE)}
+    return FmuParticles(path, described, ports, settings, stated, noise)

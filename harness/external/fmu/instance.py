@@ -36,7 +36,11 @@ _IN_FMI_3 = {
     "NewDiscreteStates": "UpdateDiscreteStates",
 }
 
-LOOPED = ("SetReal", "GetReal", "SetBoolean", *_OF_INTERFACE["co-simulation"], *_OF_INTERFACE["model-exchange"])
+_STATES = ("GetFMUState", "SetFMUState", "FreeFMUState")
+
+LOOPED = (
+    "SetReal", "GetReal", "SetBoolean", *_OF_INTERFACE["co-simulation"], *_OF_INTERFACE["model-exchange"], *_STATES,
+)  # fmt: skip
 """Functions that the loops over time call, in the order of their addresses."""
 
 
@@ -82,8 +86,9 @@ class Library:
         if not model.indicators:
             needed -= {"GetEventIndicators"}
         self._functions = {name: self._function(name) for name in needed}
-        if hasattr(self._dll, self._full("SetBoolean")):
-            self._functions["SetBoolean"] = self._function("SetBoolean")
+        for name in ("SetBoolean", *_STATES):
+            if hasattr(self._dll, self._full(name)):
+                self._functions[name] = self._function(name)
         self.addresses = np.array(
             [ctypes.cast(f, ctypes.c_void_p).value if (f := self._functions.get(name)) else 0 for name in LOOPED],
             dtype=np.int64,
@@ -91,7 +96,9 @@ class Library:
         self._callbacks = self._logger()
 
     def _full(self, name: str) -> str:
-        return f"fmi{self.model.version}{_IN_FMI_3.get(name, name) if self.model.version == 3 else name}"
+        if self.model.version == 3:
+            return f"fmi3{_IN_FMI_3.get(name, name)}"
+        return f"fmi2{name.replace('FMUState', 'FMUstate')}"
 
     def _function(self, name: str) -> Any:
         try:
@@ -207,6 +214,11 @@ class Instance:
         self.resets = True
         self._address: ctypes.c_void_p | None = None
         self._used: set[int] = set()
+
+    @property
+    def is_there(self) -> bool:
+        """Whether there is an instance that can be used."""
+        return self._address is not None
 
     @property
     def address(self) -> int:

@@ -26,6 +26,7 @@ from harness.external.fmu.calls import call
 
 SET, GET, SET_BOOLEAN, DO_STEP, SET_TIME, SET_STATES, GET_STATES = 0, 1, 2, 3, 4, 5, 6
 DERIVATIVES, INDICATORS, COMPLETED, ENTER_EVENTS, NEW_DISCRETE, ENTER_TIME = 7, 8, 9, 10, 11, 12
+GET_STATE, SET_STATE, FREE_STATE = 13, 14, 15
 
 WHOLE, SETTING, STEPPING, GETTING, TERMINATED, NO_NUMBER, IN_EVENT, IN_DERIVATIVES, ENDLESS, EARLY = range(10)
 WHY = (
@@ -331,4 +332,57 @@ def many_outputs(version, f, instance, time, u, in_refs, members, out_refs, outp
             status = call(f[SET_STATES], (instance, x, x.size))
         if status <= 1:
             status = get_reals(version, f, instance, out_refs, outputs[m])
+    return status
+
+
+def get_states(f, instance, states):
+    """Get the present state into every slot ``(n,)``; returns the status."""
+    status = 0
+    for n in range(states.size):
+        if status <= 1:
+            status = call(f[GET_STATE], (instance, states.ctypes.data + 8 * n))
+    return status
+
+
+def copy_states(f, instance, sources, targets):
+    """Copy states into slots ``(n,)``; returns the status."""
+    status = 0
+    for n in range(sources.size):
+        if status <= 1:
+            status = call(f[SET_STATE], (instance, sources[n]))
+        if status <= 1:
+            status = call(f[GET_STATE], (instance, targets.ctypes.data + 8 * n))
+    return status
+
+
+def free_states(f, instance, states):
+    """Free the states in slots ``(n,)``."""
+    for n in range(states.size):
+        if states[n] != 0:
+            call(f[FREE_STATE], (instance, states.ctypes.data + 8 * n))
+
+
+def move_particles(version, f, instance, ends, states, given, in_refs, after, next_refs, out_refs, outputs):
+    """Take a communication step of every state ``(n,)`` with inputs of its own, and read outputs behind it.
+
+    ``given`` are inputs during the step ``(n, n inputs)``, ``after`` those behind it. Where the ends of the step are
+    one time, outputs alone are read. Returns the status.
+    """
+    flags, times = np.zeros(8, np.uint8), np.zeros(1)
+    status = 0
+    for n in range(states.size):
+        if status <= 1:
+            status = call(f[SET_STATE], (instance, states[n]))
+        if status <= 1 and ends[1] > ends[0]:
+            status = set_reals(version, f, instance, in_refs, given[n])
+            if status <= 1:
+                why, status = do_step(version, f, instance, ends[0], ends[1], flags, times)
+                if why != WHOLE and status <= 1:
+                    status = 2
+        if status <= 1:
+            status = set_reals(version, f, instance, next_refs, after)
+        if status <= 1:
+            status = get_reals(version, f, instance, out_refs, outputs[n])
+        if status <= 1:
+            status = call(f[GET_STATE], (instance, states.ctypes.data + 8 * n))
     return status

@@ -35,12 +35,9 @@ _CHECKED = 200
 def compiled() -> ModuleType:
     """Return the loops over time as compiled functions."""
     functions: list[Callable[..., Any]] = [
-        loops.co_simulate,
-        loops.exchange,
-        loops.observe,
-        loops.many_ahead,
-        loops.many_outputs,
-    ]
+        loops.co_simulate, loops.exchange, loops.observe, loops.many_ahead, loops.many_outputs, loops.get_states,
+        loops.copy_states, loops.free_states, loops.move_particles,
+    ]  # fmt: skip
     return load_source("fmu", kernel_source("Loops over FMUs", functions))
 
 
