@@ -151,8 +151,8 @@ class FittedPlant:
         """
         external = self.fit.spec.external
         assert external is not None
-        found = {e.name: e.value for e in self.fit.estimates}
-        table = {"plant": {external.description.kind: external.description.file, "values": found}}
+        values = {e.name: e.value for e in self.fit.estimates}
+        table = {"plant": {external.description.kind: external.description.file, "values": values}}
         remark = f"# {failed}\n" if (failed := failure(self.judged)) else ""
         contents: dict[str, str | bytes] = {
             "plant.toml": f"# For a study: what harness identify found.\n{remark}{toml_text(table)}",
@@ -180,7 +180,7 @@ class FittedPlant:
         return Report(f"What do the recordings say about {fit.spec.model().name}?", sections)
 
 
-class Misfit:
+class FreeRunResiduals:
     """Residuals of candidates: simulated less measured, over the spread of the output over all recordings.
 
     Args:
@@ -254,7 +254,7 @@ def fit_plant(task: PlantTask, say: Callable[[str], None] = lambda _: None) -> F
     free = _free(task)
     runs = PlantRuns(task.spec, drives, task.jobs or joblib.cpu_count())
     try:
-        misfit = Misfit(PlantRuns(task.spec, train, task.jobs or joblib.cpu_count()), free)
+        misfit = FreeRunResiduals(PlantRuns(task.spec, train, task.jobs or joblib.cpu_count()), free)
         say(f"{task.method} over {len(train)} recordings")
         fit = _searched(task, misfit, free, chosen)
         before, after = runs.outputs([task.spec.values, fit.spec.values])
@@ -288,7 +288,7 @@ def _free(task: PlantTask) -> list[Free]:
     return free
 
 
-def _searched(task: PlantTask, misfit: Misfit, free: Sequence[Free], settings: swarm.Settings | None) -> Fit:
+def _searched(task: PlantTask, misfit: FreeRunResiduals, free: Sequence[Free], settings: swarm.Settings | None) -> Fit:
     from scipy.optimize import least_squares
 
     lower, upper = (np.array([getattr(f, end) for f in free]) for end in ("lower", "upper"))
@@ -298,12 +298,12 @@ def _searched(task: PlantTask, misfit: Misfit, free: Sequence[Free], settings: s
         reasons = misfit._runs.lost()
         raise UserError(f"the plant fails at its start: {reasons[0] if reasons else 'its outputs are no numbers'}")
     if settings is None:
-        found = least_squares(
+        solution = least_squares(
             lambda x: np.nan_to_num(misfit.residuals(x[None])[0], nan=1e3),
             start, lambda x: np.nan_to_num(misfit.slopes(x)), (lower, upper), x_scale=_scale(start, free), max_nfev=50,
         )  # fmt: skip
-        values, converged, further = found.x, bool(found.success), {}
-        history: tuple[float, ...] = (before, 2.0 * float(found.cost))
+        values, converged, further = solution.x, bool(solution.success), {}
+        history: tuple[float, ...] = (before, 2.0 * float(solution.cost))
     else:
         searched = swarm.optimise(misfit, lower, upper, task.seed, settings)
         if not math.isfinite(searched.cost):
@@ -344,7 +344,7 @@ class _Certainty:
         correlation: ``(free, free)``; empty where there is none.
     """
 
-    def __init__(self, misfit: Misfit, values: Floats) -> None:
+    def __init__(self, misfit: FreeRunResiduals, values: Floats) -> None:
         residual, slopes = misfit.residuals(values[None])[0], misfit.slopes(values)
         size = np.sqrt(np.sum(slopes**2, axis=0))
         self.correlation = np.empty((0, 0))

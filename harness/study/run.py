@@ -201,11 +201,7 @@ def _run(
         evaluator().lost()  # of the plan's first runs, which are computed once more
         _evaluate(evaluator(), store, todo, total, plan, console, client, lock)
         seconds = time.perf_counter() - compiled
-        lost = evaluator().lost()
-        for sentence in lost:
-            _say(console, sentence, "yellow")
-        before = str(run_file.read(out).get(run_file.LOST, "")) if to_do < total else ""
-        lost = [*filter(None, [before]), *lost]
+        lost = _lost(evaluator(), out, to_do < total, console)
         record = {
             "started": started.isoformat(timespec="seconds"),
             "jobs": workers,
@@ -215,7 +211,7 @@ def _run(
             "compile_s": round(compiled - begin, 2),
             "duration_s": round(seconds, 2),
             "runs_per_s": round(to_do / seconds, 1),
-            **({run_file.LOST: "; ".join(lost)} if lost else {}),
+            **({run_file.LOST: lost} if lost else {}),
         }
         if client is None and (peak := peak_memory_mib()) is not None:
             record["peak_memory_mib"] = peak
@@ -232,6 +228,15 @@ def _run(
 
         with console.status("computing the smallest errors possible"):
             bound.write(evaluator(), out)
+
+
+def _lost(evaluator: StudyEvaluator, out: Path, resumed: bool, console: Console) -> str:
+    """Say which runs foreign code lost, and return it with what an earlier part of the same runs says of it."""
+    sentences = evaluator.lost()
+    for sentence in sentences:
+        _say(console, sentence, "yellow")
+    before = str(run_file.read(out).get(run_file.LOST, "")) if resumed else ""
+    return "; ".join(filter(None, [before, *sentences]))
 
 
 def _plan(evaluator: StudyEvaluator, todo: Sequence[Unit], workers: int, console: Console, agree: Agree | None) -> Plan:
