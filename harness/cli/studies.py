@@ -137,9 +137,11 @@ def status(folder: FolderArgument) -> None:
         Text(f"study '{state.name}': {state.done:,} of {state.planned:,} runs done, {missing:,} missing", style="bold"),
         soft_wrap=True,
     )
-    table = Table("design", "estimator", "done", "estimator diverged", "out of control", "missing", box=None)
+    lost = ["lost by the plant's code"] if any(count.lost for count in state.counts) else []
+    table = Table("design", "estimator", "done", "estimator diverged", "out of control", *lost, "missing", box=None)
     for count in state.counts:
-        numbers = (count.done, count.diverged, count.plant_left, count.planned - count.done)
+        of_code = [count.lost] if lost else []
+        numbers = (count.done, count.diverged, count.plant_left, *of_code, count.planned - count.done)
         table.add_row(count.design, count.estimator, *(f"{n:,}" for n in numbers))
     console.print(table)
     if state.lost:

@@ -26,7 +26,7 @@ from harness.external.transport import receive, send
 TIMEOUT = 60.0
 """Seconds by the clock that a run of foreign code may take unless a study states others."""
 
-START_TIMEOUT = 120.0
+START_TIMEOUT = 60.0
 """Seconds that it may take to be loaded."""
 
 _LAST_WORDS = 4096
@@ -57,6 +57,8 @@ class Worker:
 
     def __init__(self, loader: Mapping[str, Any], start_timeout: float = START_TIMEOUT) -> None:
         ours, theirs = socket.socketpair()
+        self._held: int | None
+        watched, self._held = os.pipe()  # closed with this process, however it ends
         self._folder = tempfile.TemporaryDirectory(prefix="harness-", ignore_cleanup_errors=True)
         environment = {
             **os.environ,
@@ -66,8 +68,8 @@ class Worker:
             "PYTHONFAULTHANDLER": "",
         }
         self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "harness.external.worker", str(theirs.fileno())],
-            pass_fds=(theirs.fileno(),),
+            [sys.executable, "-P", "-m", "harness.external.worker", str(theirs.fileno()), str(watched)],
+            pass_fds=(theirs.fileno(), watched),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -75,10 +77,15 @@ class Worker:
             start_new_session=True,  # so that what it starts itself is ended with it
         )
         theirs.close()
+        os.close(watched)
         self._connection = Connection(ours.detach())
         self._said: deque[bytes] = deque(maxlen=4)
         threading.Thread(target=_drain, args=(self._process.stdout, self._said), daemon=True).start()
-        answer = self.call("load", (dict(loader),), start_timeout)
+        try:
+            answer = self.call("load", (dict(loader),), start_timeout)
+        except BaseException:  # Ctrl-C while it is loaded
+            self.close()
+            raise
         if isinstance(answer, Lost):
             self.close()
             raise UserError(answer.reason)
@@ -122,6 +129,9 @@ class Worker:
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
         self._connection.close()
+        if self._held is not None:
+            os.close(self._held)
+            self._held = None
         self._folder.cleanup()
 
 

@@ -10,8 +10,6 @@ from __future__ import annotations
 import os
 import signal
 import sys
-import threading
-import time
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -21,14 +19,15 @@ from harness.external.in_words import in_words
 from harness.external.transport import receive, send
 
 
-def main(handle: int) -> None:
+def main(handle: int, watched: int) -> None:
     """Serve requests.
 
     Args:
         handle: Of the inherited socket.
+        watched: End of a pipe that is closed when the parent is no more.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the parent, which ends this
-    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+    _end_with_parent(watched)
     connection = Connection(handle)
     body: Any = None
     while True:
@@ -50,12 +49,20 @@ def main(handle: int) -> None:
             send(connection, ("done", answer))
 
 
-def _end_with(parent: int) -> None:
-    """End this process when its parent is no more, also while foreign code does not return."""
-    while os.getppid() == parent:
-        time.sleep(1.0)
-    os._exit(0)
+def _end_with_parent(watched: int) -> None:
+    """End this process, and all that it starts, when its parent is no more.
+
+    A process of its own waits for that: while a library is loaded that does not return, no thread gets its turn.
+    """
+    if os.fork():
+        os.close(watched)
+        return
+    most = os.sysconf("SC_OPEN_MAX")
+    os.closerange(0, watched)  # whoever reads what the worker says must see its end
+    os.closerange(watched + 1, min(most, 4096))
+    os.read(watched, 1)
+    os.killpg(os.getpgrp(), signal.SIGKILL)
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]))
+    main(int(sys.argv[1]), int(sys.argv[2]))

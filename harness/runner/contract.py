@@ -21,6 +21,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from harness.common.arrays import Floats
 from harness.engine.kernel_names import Belief, State
@@ -146,12 +147,14 @@ class Batch:
         left_at: First sample at which the plant is outside its range of validity or out of control, or a signal that is
             needed is no number, ``(..., LANES)``; ``samples`` if there is none.
         input_errors: By which inputs are off as filters get them, by signal ``(..., samples, LANES)``.
+        lost: Runs that ended because the code of the plant failed, not the vehicle, ``(..., LANES)``.
     """
 
     truth: Floats
     measurements: Floats
     left_at: Floats
     input_errors: dict[str, Floats] = field(default_factory=dict)
+    lost: NDArray[np.bool_] | None = None
 
 
 class Simulator(Protocol):

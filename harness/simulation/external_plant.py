@@ -59,7 +59,7 @@ class ExternalPlant:
         jobs = ((self._step, table, forces[i], values[i]) for i in np.flatnonzero(fresh))
         answers = [self._outputs(answer, samples) for answer in self._workers.calls("simulate", jobs)]
         own = np.cumsum(fresh) - 1
-        outputs, reached = (np.stack([answer[part] for answer in answers])[own] for part in (0, 1))
+        outputs, reached, lost = (np.stack([answer[part] for answer in answers])[own] for part in range(3))
         columns = {p.signal: outputs[..., i] for i, p in enumerate(self._description.outputs)}
         columns |= {name: forces[..., i] for i, name in enumerate(self.ports.states)}
         columns |= {name: np.broadcast_to(table[:, i], outputs.shape[:2]) for i, name in enumerate(self.ports.inputs)}
@@ -71,6 +71,7 @@ class ExternalPlant:
             _in_lanes([columns[name] for name in record.names], lead),
             _in_lanes([columns[str(e)] for e in self.model.outputs.values()], lead) + scattered[..., nd:, :],
             np.where(inside.all(axis=1), samples, np.argmin(inside, axis=1)).astype(float).reshape(*lead, LANES),
+            lost=lost.reshape(*lead, LANES),
         )
 
     def outputs(self, inputs: Floats, values: Floats) -> Floats:
@@ -82,25 +83,28 @@ class ExternalPlant:
         """
         undisturbed = np.zeros((len(inputs), len(self.ports.states)))
         answer = self._workers.call("simulate", self._step, inputs, undisturbed, values)
-        published, reached = self._outputs(answer, len(inputs))
+        published, reached, _ = self._outputs(answer, len(inputs))
         columns = {p.signal: published[:, i] for i, p in enumerate(self._description.outputs)}
         columns |= {name: inputs[:, i] for i, name in enumerate(self.ports.inputs)}
         measured = np.column_stack([columns[str(e)] for e in self.model.outputs.values()])
         measured[reached:] = np.nan
         return measured
 
-    def _outputs(self, answer: Run | Lost, samples: int) -> tuple[Floats, int]:
-        """Return the outputs of a run and the first sample from which on nothing counts; count it where it is lost."""
+    def _outputs(self, answer: Run | Lost, samples: int) -> tuple[Floats, int, bool]:
+        """Return the outputs of a run, the first sample from which on nothing counts, and whether the code lost it."""
         shape = samples, len(self._description.outputs)
         if isinstance(answer, Lost):
-            self.losses.add(answer.reason)
-            return np.full(shape, np.nan), 0
-        if answer.outputs.shape != shape:
-            self.losses.add(f"its outputs have the shape {answer.outputs.shape} in place of {shape}")
-            return np.full(shape, np.nan), 0
+            answer = Run(np.full(shape, np.nan), 0, answer.reason)
+        elif answer.outputs.shape != shape:
+            words = f"its outputs have the shape {answer.outputs.shape} in place of {shape}"
+            answer = Run(np.full(shape, np.nan), 0, words)
+        elif (bad := ~np.isfinite(answer.outputs[: answer.reached])).any():
+            k, i = np.argwhere(bad)[0]
+            words = f"its output '{self._description.outputs[i].variable}' is no number at t = {k * self._step:g} s"
+            answer = Run(answer.outputs, int(k), words)
         if answer.reason:
             self.losses.add(answer.reason)
-        return answer.outputs, answer.reached
+        return answer.outputs, answer.reached, bool(answer.reason)
 
     def close(self) -> None:
         """End its processes."""

@@ -35,6 +35,7 @@ from harness.study.design import Unit, points
 from harness.study.run_noise import Case, Cases, NoisyInputs, RunNoise, in_whole_batches
 from harness.study.score_names import (
     ESTIMATOR_DIVERGED,
+    LOST,
     LOST_CONTROL,
     OK,
     OVER_TIME,
@@ -169,6 +170,7 @@ class StudyEvaluator:
         each_believes = [self.believed_by(e, unit, cases, believed) for e in estimators]
         words = self.noise.words(unit, cases)
         left_at, signals = np.empty(len(cases)), len(self.compiled.signals)
+        lost = np.zeros(len(cases), dtype=bool)
         stated = [e.has_covariance for e in self.compiled.estimators]
         totals = [Sums(np.empty((3, signals, len(cases))), np.empty((10, len(cases))), s) for s in stated]
         at_once = self._batches_at_once(unit) if windows is None and self._noisy is None else 1
@@ -178,6 +180,8 @@ class StudyEvaluator:
             group, believed_there = cases[lanes], believed.of(lanes)
             batch = self.simulate(unit, group, plant=plant.of(lanes), believed=believed_there, words=words[lanes])
             left_at[lanes] = batch.left_at.reshape(-1)[: len(group)]
+            if batch.lost is not None:
+                lost[lanes] = batch.lost.reshape(-1)[: len(group)]
             for e, total in enumerate(totals):
                 inputs = self.inputs(e, unit.drive, batch, believed_there)
                 sums = self.sums(e, inputs, batch, each_believes[e].of(lanes), windows is not None)
@@ -188,7 +192,7 @@ class StudyEvaluator:
                     flat = result[OVER_TIME].reshape(len(cases), *result[OVER_TIME].shape[2:])
                     flat[lanes, e] = over_time[: len(group)]
         for e, total in enumerate(totals):
-            self.enter(result, unit, e, left_at, total.scores())
+            self.enter(result, unit, e, left_at, total.scores(), lost)
         return result
 
     def pending(self, unit: Unit) -> Result:
@@ -305,8 +309,25 @@ class StudyEvaluator:
         kind = self.study.estimators[index].input_signal or "filtered"
         return self._noisy.known(batch, table, believed.input_noise, kind)
 
-    def enter(self, result: Result, unit: Unit, e: int, left_at: Floats, scores: Scores) -> None:
-        """Write a unit's scores of one estimator; ``left_at`` is where each run's plant went out of control."""
+    def enter(
+        self,
+        result: Result,
+        unit: Unit,
+        e: int,
+        left_at: Floats,
+        scores: Scores,
+        lost: NDArray[np.bool_] | None = None,
+    ) -> None:
+        """Write a unit's scores of one estimator.
+
+        Args:
+            result: Written.
+            unit: The unit.
+            e: Index of the estimator.
+            left_at: Sample at which each run's plant went out of control.
+            scores: Of the estimator.
+            lost: Runs that the code of the plant lost.
+        """
         targets, runs = len(self.study.targets), result[STATUS].shape[:2]
         for name in PER_TARGET:
             result[name][:, :, e] = getattr(scores, name)[:targets].T.reshape(*runs, targets)
@@ -314,9 +335,11 @@ class StudyEvaluator:
             result[name][:, :, e] = getattr(scores, name).reshape(runs)
         length = len(self.compiled.drives[unit.drive].profile.time)
         diverged = scores.diverged_at < length
-        lost = ~diverged & (left_at < length)
-        status = np.where(diverged, ESTIMATOR_DIVERGED, np.where(lost, PLANT_DIVERGED, OK))
+        beyond = ~diverged & (left_at < length)
+        status = np.where(diverged, ESTIMATOR_DIVERGED, np.where(beyond, PLANT_DIVERGED, OK))
+        if lost is not None:
+            status = np.where(lost, LOST, status)
         step = self.study.plant.step
-        first = np.where(diverged | lost, np.where(diverged, scores.diverged_at, left_at) * step, np.nan)
+        first = np.where(diverged | beyond, np.where(diverged, scores.diverged_at, left_at) * step, np.nan)
         result[STATUS][:, :, e], result["time_of_divergence"][:, :, e] = status.reshape(runs), first.reshape(runs)
         result[LOST_CONTROL][...] = np.where(left_at < length, left_at * step, np.nan).reshape(runs)

@@ -19,7 +19,7 @@ from harness.study import checksums, run_file, sealed_root
 from harness.study.checksums import Fault
 from harness.study.design import Unit, unit_shape
 from harness.study.evaluate import StudyEvaluator
-from harness.study.score_names import ESTIMATOR_DIVERGED, PENDING, PER_RUN, PER_TARGET, PLANT_DIVERGED, STATUS
+from harness.study.score_names import ESTIMATOR_DIVERGED, LOST, PENDING, PER_RUN, PER_TARGET, PLANT_DIVERGED, STATUS
 from harness.study.verify import store_of
 
 LONG = 3600.0
@@ -135,6 +135,7 @@ class Count:
         done: Those that have a score or a reason for having none.
         diverged: Done, but the estimator diverged.
         plant_left: Done, but the vehicle went out of control.
+        lost: Done, but the code of the plant failed.
     """
 
     design: str
@@ -143,6 +144,7 @@ class Count:
     done: int = 0
     diverged: int = 0
     plant_left: int = 0
+    lost: int = 0
 
 
 @dataclass(frozen=True)
@@ -219,6 +221,7 @@ def _progress(folder: Path) -> Progress:
                 count.done += runs
                 count.diverged += int(np.sum(values[..., e] == ESTIMATOR_DIVERGED))
                 count.plant_left += int(np.sum(values[..., e] == PLANT_DIVERGED))
+                count.lost += int(np.sum(values[..., e] == LOST))
         counts += own
     rate = _rate(finished) if writer else None
     return Progress(name, counts, planned, done, lost, writer, run_file.faults(folder), rate)

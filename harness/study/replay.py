@@ -162,7 +162,8 @@ class Replayer:
         runs = [OverTime(job.result(), *kept) for job, kept in zip(scored, over_time, strict=True)]
         result = self.evaluator.pending(unit)
         for e, run in zip(chosen, runs, strict=True):
-            self.evaluator.enter(result, unit, e, batch.left_at[:1], run.scores)
+            lost = None if batch.lost is None else batch.lost[:1]
+            self.evaluator.enter(result, unit, e, batch.left_at[:1], run.scores, lost)
         scores = {name: values[0, 0, list(chosen)] for name, values in result.items() if name != LOST_CONTROL}
         data = dataset(self.evaluator, unit, batch, believed, dict(zip(chosen, runs, strict=True)))
         held = dict(zip(own.plant.model().parameter_names, map(float, plant.values[:, 0]), strict=True))

@@ -20,7 +20,7 @@ from harness.common.units import registry
 from harness.models.quantities import Quantity, capital, print_unit, quantity, words
 from harness.study import bound_file, run_file, sealed_root
 from harness.study.checksums import HISTORY, described, is_verifiable
-from harness.study.score_names import ESTIMATOR_DIVERGED, LOST_CONTROL, OK, PENDING, PLANT_DIVERGED
+from harness.study.score_names import ESTIMATOR_DIVERGED, LOST, LOST_CONTROL, OK, PENDING, PLANT_DIVERGED
 
 _RUN_DIMS = ("band", "estimator", "drive", "sample", "repeat")
 
@@ -136,6 +136,11 @@ class Design:
         if LOST_CONTROL not in self.data:  # a store of an earlier version
             return np.asarray((self.status == PLANT_DIVERGED).any(axis=1))
         return np.isfinite(self._read(LOST_CONTROL, tuple(d for d in _RUN_DIMS if d != "estimator")))
+
+    @cached_property
+    def lost(self) -> NDArray[np.bool_]:
+        """Whether the code of the plant lost the run, which then counts as out of control, as ``out_of_control``."""
+        return np.asarray((self.status == LOST).any(axis=1))
 
     @cached_property
     def errors(self) -> NDArray[np.float64]:

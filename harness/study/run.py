@@ -201,7 +201,7 @@ def _run(
         evaluator().lost()  # of the plan's first runs, which are computed once more
         _evaluate(evaluator(), store, todo, total, plan, console, client, lock)
         seconds = time.perf_counter() - compiled
-        lost = _lost(evaluator(), out, to_do < total, console)
+        lost = _lost(evaluator(), console)
         record = {
             "started": started.isoformat(timespec="seconds"),
             "jobs": workers,
@@ -230,13 +230,12 @@ def _run(
             bound.write(evaluator(), out)
 
 
-def _lost(evaluator: StudyEvaluator, out: Path, resumed: bool, console: Console) -> str:
-    """Say which runs foreign code lost, and return it with what an earlier part of the same runs says of it."""
+def _lost(evaluator: StudyEvaluator, console: Console) -> str:
+    """Say which runs foreign code lost, and return it; those that a plant lost are tried again by the next run."""
     sentences = evaluator.lost()
     for sentence in sentences:
         _say(console, sentence, "yellow")
-    before = str(run_file.read(out).get(run_file.LOST, "")) if resumed else ""
-    return "; ".join(filter(None, [before, *sentences]))
+    return "; ".join(sentences)
 
 
 def _plan(evaluator: StudyEvaluator, todo: Sequence[Unit], workers: int, console: Console, agree: Agree | None) -> Plan:

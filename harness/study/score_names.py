@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-OK, ESTIMATOR_DIVERGED, PLANT_DIVERGED, PENDING = 0, 1, 2, -1
-FLAGS = {"ok": OK, "estimator_diverged": ESTIMATOR_DIVERGED, "plant_diverged": PLANT_DIVERGED, "pending": PENDING}
+OK, ESTIMATOR_DIVERGED, PLANT_DIVERGED, LOST, PENDING = 0, 1, 2, 3, -1
+FLAGS = {
+    "ok": OK, "estimator_diverged": ESTIMATOR_DIVERGED, "plant_diverged": PLANT_DIVERGED, "lost": LOST,
+    "pending": PENDING,
+}  # fmt: skip
 """Codes of the status by the word that stores and tables have for them."""
 
 FATES = {
-    OK: "ok", ESTIMATOR_DIVERGED: "estimator diverged", PLANT_DIVERGED: "vehicle out of control", PENDING: "pending"
+    OK: "ok", ESTIMATOR_DIVERGED: "estimator diverged", PLANT_DIVERGED: "vehicle out of control",
+    LOST: "lost by the code of the plant", PENDING: "pending",
 }  # fmt: skip
 """What they mean, in words."""
 

@@ -30,7 +30,7 @@ from harness.study.checksums import HISTORY, Fault
 from harness.study.design import Unit, unit_counts, unit_shape
 from harness.study.layout import as_text, create, root_attributes, words
 from harness.study.provenance import differences
-from harness.study.score_names import OVER_TIME, PENDING, STATUS
+from harness.study.score_names import LOST, OVER_TIME, PENDING, STATUS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -86,10 +86,10 @@ class Store:
             {name: ChunkEncoder(group[name]) for name in about["arrays"]}
             for group, about in zip(groups, self._sums, strict=True)
         ]
-        self._pending = [np.asarray(group[STATUS][...]) == PENDING for group in groups]
+        self._pending = [np.isin(np.asarray(group[STATUS][...]), (PENDING, LOST)) for group in groups]
 
     def was_done(self, unit: Unit) -> bool:
-        """Return whether a unit's scores were in the store when it was opened."""
+        """Return whether a unit's scores were in the store when it was opened; what was lost is tried again."""
         return not np.any(self._pending[unit.design][unit.band, unit.samples, unit.drive, unit.repeats])
 
     def write(self, unit: Unit, result: dict[str, NDArray[np.generic]]) -> None:

@@ -11,7 +11,7 @@ from harness.engine.codegen.derivatives import derive
 from harness.models.signals import SIGNALS
 from harness.study.design import units
 from harness.study.evaluate import StudyEvaluator
-from harness.study.score_names import OK, PLANT_DIVERGED, STATUS
+from harness.study.score_names import LOST, OK, STATUS
 from support.fmus import make, needs_compiler, of_model
 
 pytestmark = needs_compiler
@@ -140,7 +140,7 @@ def test_a_fault_loses_its_runs_and_all_others_keep_their_bits(fault, tmp_path, 
     step = f"if (m->r[NU + {mass}] == 16000.0 && t > 1.0) {{ {code} }}"
     whole, _ = scores(foreign(tmp_path / "whole", built_in))
     broken, lost = scores(foreign(tmp_path / "broken", built_in, timeout="4 s", STEP=step))
-    lost_ones = (broken[STATUS] == PLANT_DIVERGED).reshape(len(broken[STATUS]), -1).any(axis=1)
+    lost_ones = (broken[STATUS] == LOST).reshape(len(broken[STATUS]), -1).any(axis=1)
     assert lost_ones.any()
     assert not lost_ones.all()
     for name, values in whole.items():

@@ -1,6 +1,10 @@
 """Worker processes: what foreign code may do to itself, and what is left of a study then."""
 
 import os
+import shutil
+import signal
+import subprocess
+import sys
 import time
 
 import numpy as np
@@ -77,6 +81,34 @@ def test_what_hangs_is_ended_and_replaced(workers):
     assert double == 10
     assert time.monotonic() - begin < 15.0
     assert not os.path.exists(f"/proc/{first}") or workers.call("pid") != first
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+def test_a_worker_ends_with_its_parent_also_while_it_is_loaded(tmp_path, how):
+    """A library whose constructor does not return holds the interpreter, so that no thread of it gets its turn."""
+    compiler = shutil.which("gcc")
+    if compiler is None:
+        pytest.skip("there is no C compiler")
+    (tmp_path / "slow.c").write_text("__attribute__((constructor)) static void hang(void) { for (;;); }")
+    subprocess.run([compiler, "-shared", "-fPIC", "-O0", "slow.c", "-o", "slow.so"], cwd=tmp_path, check=True)
+    (tmp_path / "slow_body.py").write_text(
+        "import ctypes, os, pathlib\ndef load(loader):\n"
+        "    pathlib.Path('pid').write_text(str(os.getpid()))\n    ctypes.CDLL('./slow.so')\n"
+    )
+    code = "from harness.external.processes import Workers; Workers({'kind': 'slow_body'}).call('double', 1)"
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
+    parent = subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path, env=environment, stderr=subprocess.DEVNULL)
+    while not (tmp_path / "pid").exists() or not (tmp_path / "pid").read_text():
+        time.sleep(0.1)
+    time.sleep(0.5)
+    pid = int((tmp_path / "pid").read_text())
+    assert os.path.exists(f"/proc/{pid}")
+    parent.send_signal(how)
+    parent.wait(10.0)
+    deadline = time.monotonic() + 5.0
+    while os.path.exists(f"/proc/{pid}") and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert not os.path.exists(f"/proc/{pid}")
 
 
 def test_megabytes_of_output_stop_nothing(workers):

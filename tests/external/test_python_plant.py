@@ -1,6 +1,7 @@
 """A Python class of somebody else as the plant of a study."""
 
 import json
+import os
 import subprocess
 import sys
 
@@ -12,7 +13,7 @@ from harness.common.files import toml_text
 from harness.config import build_study
 from harness.study.design import units
 from harness.study.evaluate import StudyEvaluator
-from harness.study.score_names import OK, PLANT_DIVERGED, STATUS
+from harness.study.score_names import LOST, OK, STATUS
 from support.single_track import PLANT, STUDY
 
 
@@ -96,7 +97,7 @@ def test_process_noise_moves_the_plant_and_its_absence_does_not(tmp_path, plain)
         ("raise ArithmeticError('too light')", "ArithmeticError: too light"),
         ("time.sleep(30)", "within 2 s"),
         ("out = {}", "no output 'lateral_acceleration'"),
-        ("self.r = float('nan')", ""),
+        ("self.r = float('nan')", "its output 'yaw_rate' is no number at t = 1 s"),
     ],
 )
 def test_a_fault_loses_its_run_and_all_others_keep_their_bits(tmp_path, plain, fault, reason):
@@ -107,13 +108,12 @@ def test_a_fault_loses_its_run_and_all_others_keep_their_bits(tmp_path, plain, f
     broken, said = scores(study(tmp_path, source, plant={**STUDY["plant"], "timeout": "2 s"}))
     light = np.arange(len(whole[STATUS])) == 0
     assert (whole[STATUS] == OK).all()
-    assert (broken[STATUS][light] == PLANT_DIVERGED).all()
+    assert (broken[STATUS][light] == LOST).all()
     for name, values in whole.items():
         assert broken[name][~light].tobytes() == values[~light].tobytes(), name
     assert reason in " ".join(said)
-    assert len(said) == (1 if reason else 0)
-    if reason:
-        assert "3 runs lost" in said[0]
+    assert len(said) == 1
+    assert "3 runs lost" in said[0]
 
 
 @pytest.mark.parametrize(
@@ -221,15 +221,30 @@ def test_the_report_says_what_the_plant_is_and_where_process_noise_acts(tmp_path
     assert "none" in description["process_noise_acts_on"]
 
 
-def test_the_command_and_the_report_say_which_runs_were_lost(tmp_path):
-    source = PLANT.replace(
-        "        return out\n", "        if m < 1100: raise ValueError('too light')\n        return out\n"
+def test_the_command_and_the_report_say_which_runs_were_lost_and_the_next_run_tries_them_again(tmp_path):
+    source = "import os\n" + PLANT.replace(
+        "        return out\n",
+        "        if m < 1100 and 'BAD' in os.environ: raise ValueError('too light')\n        return out\n",
     )
     (tmp_path / "my_plant.py").write_text(source)
     (tmp_path / "study.toml").write_text(toml_text(STUDY))
-    command = [sys.executable, "-m", "harness", "run", "study.toml", "--out", "res"]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
-    assert done.returncode == 0, done.stderr
+
+    def harness(*words, **environment):
+        command = [sys.executable, "-m", "harness", *words]
+        there = {**os.environ, **environment}
+        done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False, env=there)
+        assert done.returncode == 0, done.stderr
+        return done
+
     words = "my_plant:Plant: 3 runs lost: ValueError: too light"
-    assert words in done.stderr
-    assert words in (tmp_path / "res" / "report.html").read_text()
+    assert words in harness("run", "study.toml", "--out", "res", BAD="1").stderr
+    report = (tmp_path / "res" / "report.html").read_text()
+    assert words in report
+    assert "code lost 3 of 3 runs at 1 t" in report
+    assert "goes out of control in" not in report
+    assert "lost" in harness("status", "res").stdout
+    assert "3 runs to do" in harness("run", "study.toml", "--out", "res").stderr
+    report = (tmp_path / "res" / "report.html").read_text()
+    assert "code lost" not in report
+    assert words not in report
+    assert "lost" not in harness("status", "res").stdout

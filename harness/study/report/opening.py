@@ -144,13 +144,16 @@ def _joined(parts: Sequence[str]) -> str:
 
 def _out_of_control(design: Design) -> list[str]:
     """Say at which levels of a design the vehicle goes out of control, in how many runs."""
-    runs = design.out_of_control.sum(axis=(1, 2, 3))
-    if len(design.bands) == 1 or not runs.any():
-        return []
-    some = [f"{n} of {design.planned} runs at {design.bands[b]}" for b, n in enumerate(runs) if n]
-    if len(some) > NAMED:
-        some = [f"{runs.sum()} of {design.planned * len(runs)} runs, at {len(some)} of {len(runs)} levels"]
-    return [f"the vehicle goes out of control in {listed(some)}"]
+    clauses = []
+    of_vehicle = design.out_of_control & ~design.lost
+    for what, which in (("the vehicle goes out of control in", of_vehicle), ("the plant's code lost", design.lost)):
+        runs = which.sum(axis=(1, 2, 3))
+        some = [f"{n} of {design.planned} runs at {design.bands[b]}" for b, n in enumerate(runs) if n]
+        if len(some) > NAMED:
+            some = [f"{runs.sum()} of {design.planned * len(runs)} runs, at {len(some)} of {len(runs)} levels"]
+        if some and len(design.bands) > 1:
+            clauses.append(f"{what} {listed(some)}")
+    return clauses
 
 
 def _where(design: Design, band: int, first: bool) -> str:
@@ -203,23 +206,28 @@ def _everyone(names: Sequence[str]) -> str:
 
 def _counts(designs: Sequence[Design]) -> list[str]:
     """Say in how many runs the vehicle went out of control, in how many an estimator diverged, and what is to come."""
-    runs = sum(d.out_of_control.size for d in designs)
-    counted = []
-    out = {d.name: (int(d.out_of_control.sum()), d.out_of_control.size) for d in designs}
-    if lost := sum(n for n, _ in out.values()):
-        where = listed([f"{n} of {size} in the design “{name}”" for name, (n, size) in out.items() if n])
-        scope = f" ({where})" if len(designs) > 1 else ""
-        counted.append(
-            f"In {lost} of {runs} runs{scope} the vehicle itself goes out of control; "
-            "these are left out for every estimator."
-        )
+    runs, counted = sum(d.out_of_control.size for d in designs), []
+    out_of_control = any(d.out_of_control.any() for d in designs)
+    for words, which in (
+        ("the vehicle itself goes out of control", [d.out_of_control & ~d.lost for d in designs]),
+        ("the plant's code failed, not the vehicle", [d.lost for d in designs]),
+    ):
+        out = {d.name: (int(each.sum()), each.size) for d, each in zip(designs, which, strict=True)}
+        if without := sum(n for n, _ in out.values()):
+            where = listed([f"{n} of {size} in the design “{name}”" for name, (n, size) in out.items() if n])
+            scope = f" ({where})" if len(designs) > 1 else ""
+            counted.append(f"In {without} of {runs} runs{scope} {words}; these are left out for every estimator.")
     names = dict.fromkeys(name for d in designs for name in d.estimators)
     diverged = {n: sum(d.diverged(d.estimators.index(n)) for d in designs if n in d.estimators) for n in names}
     if losses := [
         f"{name} diverged in {diverged[name]}" for name in sorted(names, key=lambda n: -diverged[n]) if diverged[name]
     ]:
         under_control = sum(d.compared() for d in designs)
-        scope = f"{under_control} runs in which the vehicle stayed under control" if lost else f"{under_control} runs"
+        scope = (
+            f"{under_control} runs in which the vehicle stayed under control"
+            if out_of_control
+            else f"{under_control} runs"
+        )
         counted.append(f"Of {scope}, {listed(losses)}.")
     if pending := sum(d.count(PENDING, None, 0) for d in designs):
         counted.append(f"{pending} of {runs} runs are still to come.")
