@@ -17,6 +17,12 @@ from harness.models.contracts import Parameter
 
 _PERCENT = ("%", "percent")
 _SCALE = Parameter("", "", "dimensionless", 0.0, float("inf"), "factor on every variance of its kind")
+_LONGEST = 200
+"""Bytes of a name; file systems allow 255, with what a store adds to it."""
+_NEEDED = {
+    "process_noise": "process noise to multiply; state it, {0}.noise.process, for a state or disturbance of its own",
+    "input_noise": "noise of inputs to multiply; state it, e.g. {0}.noise.input.speed",
+}
 FORMS = ("levels", "shift", "bands", "range")
 """The keys of a factor that say what values it takes; each has exactly one of them."""
 
@@ -58,7 +64,8 @@ def resolve_factor(table: FactorTable, key: str, models: Models, problems: Probl
     parameter = _parameter(table, key, models, problems)
     if (
         parameter is None
-        or not _check_input_noise(table, key, models, problems)
+        or not _check_name(table.parameter, key, models, table.of, problems)
+        or not _check_noise(table, key, models, problems)
         or not _check_form(table, key, problems)
     ):
         return None
@@ -89,16 +96,32 @@ def resolve_factor(table: FactorTable, key: str, models: Models, problems: Probl
     return factor if len(problems) == before else None
 
 
-def _check_input_noise(table: FactorTable, key: str, models: Models, problems: Problems) -> bool:
-    """A factor on the noise of inputs needs some."""
-    lacking = [side for side, spec in models.sides(table.of).items() if not spec.input_noise]
-    if table.parameter != "input_noise_scale" or not lacking:
-        return True
-    problems.add(
-        f"{key}.parameter",
-        f"the {lacking[0]} has no noise of inputs to multiply; state it, e.g. {lacking[0]}.noise.input.speed",
-    )
-    return False
+def _check_name(name: str, key: str, models: Models, side: Side, problems: Problems) -> bool:
+    """A name must be that of one thing alone, and of an array in a store."""
+    for spec in models.sides(side).values():
+        remedy = "[parameters] of its map" if spec.external and spec.external.description.kind == "fmu" else "its class"
+        if name in NOISE_SCALES and any(p.name == name for p in spec.model().parameters):
+            wrong = "is the factor on all variances of a kind, and a parameter of the plant as well"
+        elif any(c in "/\\" or not c.isprintable() for c in name):
+            wrong = "separates folders or is no plain text, which the name of an array in a result cannot"
+        elif len(name.encode()) > _LONGEST:
+            wrong = f"is longer than {_LONGEST} bytes, which is too long for the name of an array in a result"
+        else:
+            continue
+        problems.add(f"{key}.parameter", f"{name!r} {wrong}; give the parameter another name in {remedy}")
+        return False
+    return True
+
+
+def _check_noise(table: FactorTable, key: str, models: Models, problems: Problems) -> bool:
+    """A factor on the noise of states or inputs needs some; that of outputs is always there."""
+    kind = table.parameter.removesuffix("_scale")
+    sides = models.sides(table.of).items() if kind in _NEEDED else ()
+    lacking = [side for side, spec in sides if not any(getattr(spec, kind).values())]
+    if lacking:
+        what = _NEEDED[kind].format(lacking[0])
+        problems.add(f"{key}.parameter", f"the {lacking[0]} has no {what}")
+    return not lacking
 
 
 def _nominal(name: str, models: Models) -> float:

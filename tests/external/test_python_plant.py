@@ -164,6 +164,26 @@ def test_a_plant_that_is_stated_wrongly_is_refused_with_its_key(tmp_path, plant,
         study(tmp_path, plant=plant)
 
 
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("yaw/inertia", "separates folders"), ("yaw\\inertia", "separates"), ("m" * 300, "is too long"),
+     ("process_noise_scale", "a parameter of the plant as well")],
+)  # fmt: skip
+def test_a_parameter_that_a_factor_cannot_name_is_refused_with_the_remedy(tmp_path, name, words):
+    factor = {"parameter": name, "levels": [1400, 1600]}
+    named = {"design": [{"name": "d", "factor": [factor]}]}
+    with pytest.raises(UserError, match=f"design.0..factor.0..parameter: .*{words}.*another name in its class"):
+        study(tmp_path, PLANT.replace('"yaw_inertia": {', f"{name!r}: {{"), **named)
+
+
+def test_process_noise_that_a_plant_has_not_cannot_be_scaled(tmp_path):
+    factor = {"parameter": "process_noise_scale", "of": "plant", "levels": [1, 4]}
+    design = [{"name": "noise", "factor": [factor]}]
+    assert study(tmp_path, design=design).designs[0].bands == 2
+    with pytest.raises(UserError, match=r"factor.0..parameter: the plant has no process noise to multiply"):
+        study(tmp_path, plant={"python": "my_plant:Plant"}, design=design)
+
+
 def test_a_plant_that_always_fails_is_no_study(tmp_path):
     broken = study(tmp_path, PLANT.replace("        return out\n", "        raise ValueError('no road')\n"))
     with pytest.raises(UserError, match=r"fails before any factor is varied: .*ValueError: no road"):
