@@ -81,6 +81,15 @@ def test_an_instance_that_is_used_again_gives_the_bits_of_a_new_one(version, kin
     assert varied.outputs.tobytes() != again.outputs.tobytes()
 
 
+@pytest.mark.parametrize(("version", "kind"), KINDS)
+def test_a_start_that_the_library_does_not_hold_is_set(version, kind, tmp_path):
+    """The library begins with another mass than its XML states; what is stated counts, in every run."""
+    body = plant(make(tmp_path, SPRING.faulty(INSTANTIATE="m->r[NU] = 2.75;"), version, kind))
+    same = plant(make(tmp_path / "same", SPRING, version, kind))
+    for values in ((2.0, 5.0), (2.5, 5.0), (2.0, 5.0), (2.0, 4.0)):
+        assert run(body, values).outputs.tobytes() == run(same, values).outputs.tobytes()
+
+
 @pytest.mark.parametrize("hook", ["return 3;", "return OK;"], ids=["refused", "not done"])
 def test_an_fmu_that_does_not_reset_is_made_anew(hook, tmp_path, spring):
     body = plant(make(tmp_path, SPRING.faulty(RESET=hook)))

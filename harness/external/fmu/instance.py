@@ -207,13 +207,16 @@ class Instance:
 
     Args:
         library: The FMU.
+
+    Attributes:
+        was_set: Value references of the parameters that have been set since it was made.
     """
 
     def __init__(self, library: Library) -> None:
         self.library = library
         self.resets = True
         self._address: ctypes.c_void_p | None = None
-        self._used: set[int] = set()
+        self.was_set: set[int] = set()
 
     @property
     def is_there(self) -> bool:
@@ -229,7 +232,7 @@ class Instance:
     def discard(self) -> None:
         """Take it that the instance cannot be used again; after a fatal status it is not even freed."""
         self._address = None
-        self._used = set()
+        self.was_set = set()
 
     def free(self) -> None:
         """Free the instance."""
@@ -257,8 +260,8 @@ class Instance:
         if self._address is None:
             self._address = library.instantiate()
         library.last_words = ""
-        given = {**values, **{ref: starts[ref] for ref in self._used & starts.keys()}}
-        self._used |= values.keys()
+        given = {**values, **{ref: starts[ref] for ref in self.was_set & starts.keys()}}
+        self.was_set |= values.keys()
         try:
             self._set(list(given), np.array(list(given.values()), dtype=float))
             zero, no = ctypes.c_double(0.0), ctypes.c_int(0)
@@ -282,10 +285,21 @@ class Instance:
         return self.resets
 
     def _set(self, references: Sequence[int], values: Floats) -> None:
+        if len(references):
+            self._exchange("SetReal", references, (ctypes.c_double * len(references))(*values))
+
+    def read(self, references: Sequence[int]) -> list[float]:
+        """Return the values of variables by value reference, after it has been initialised, in the units of the FMU.
+
+        Raises:
+            Failed: If the FMU refuses to say.
+        """
+        numbers = (ctypes.c_double * len(references))()
+        self._exchange("GetReal", references, numbers)
+        return list(numbers)
+
+    def _exchange(self, name: str, references: Sequence[int], numbers: Any) -> None:
         count = len(references)
-        if count == 0:
-            return
         refs = (ctypes.c_uint32 * count)(*references)
-        numbers = (ctypes.c_double * count)(*values)
         further = (ctypes.c_size_t(count),) if self.library.model.version == 3 else ()
-        self.library.call("SetReal", self._address, refs, ctypes.c_size_t(count), numbers, *further)
+        self.library.call(name, self._address, refs, ctypes.c_size_t(count), numbers, *further)

@@ -62,6 +62,7 @@ class FmuPlant:
         self._by_event = any(model.variables[name].variability == "discrete" for name in names)
         variables = [scalar_variable(model, p.variable, str(path)) for p in description.parameters]
         self._starts = [(v.reference, v.start) for v in variables]
+        self._held: dict[int, float] = {}  # what a new instance holds, by value reference, where it has been read
         self._library = Library(model, interface)
         self._instance = Instance(self._library)
         self._checked = False
@@ -93,17 +94,38 @@ class FmuPlant:
         with contextlib.suppress(OSError):
             places.write(self._mark, None)
 
+    def _begin(self, values: Floats, first: Floats) -> None:
+        """Initialise a run; a parameter at its start is set only where a new instance holds another value.
+
+        Raises:
+            Failed: If the FMU refuses something.
+        """
+        instance, parameters, at_start = self._instance, {}, {}
+        for p, value, (reference, start) in zip(self._description.parameters, values, self._starts, strict=True):
+            if value != p.value:
+                parameters[reference] = (value - p.offset) / p.scale
+            elif self._held.get(reference, start) == start:
+                at_start[reference] = start
+            else:
+                parameters[reference] = start
+        instance.begin(parameters, at_start, self._given.tolist(), first)
+        unread = [r for r in at_start if r not in self._held and r not in instance.was_set]
+        if not unread:
+            return
+        try:
+            self._held.update(zip(unread, instance.read(unread), strict=True))
+        except Failed:  # what it does not say is taken to be as it states
+            self._held.update({r: at_start[r] for r in unread})
+            instance.discard()
+        if not instance.is_there or any(self._held[r] != at_start[r] for r in unread):
+            instance.free()
+            self._begin(values, first)
+
     def _run(self, step: float, given: Floats, values: Floats) -> Run:
         library, instance, model = self._library, self._instance, self._library.model
         outputs = np.zeros((len(given), len(self._read)))
-        parameters, at_start = {}, {}
-        for p, value, (reference, start) in zip(self._description.parameters, values, self._starts, strict=True):
-            if value == p.value:
-                at_start[reference] = start
-            else:
-                parameters[reference] = (value - p.offset) / p.scale
         try:
-            instance.begin(parameters, at_start, self._given.tolist(), given[0])
+            self._begin(values, given[0])
         except Failed as error:
             return Run(outputs, 0, str(error))
         ends = model.version, library.addresses, instance.address
