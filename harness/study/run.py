@@ -43,7 +43,7 @@ from harness.study.devices import device
 from harness.study.evaluate import StudyEvaluator
 from harness.study.run_noise import Case
 from harness.study.sealed_root import is_there
-from harness.study.store import STORE, Store, discard
+from harness.study.store import STORE, Store, discard, discardable
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -126,7 +126,7 @@ def run_study(
         console: Where the plan and progress are shown; by default stderr.
         client: Of the Dask cluster whose workers run the study in place of threads.
         agree: Asked before anything is computed that takes above an hour or 10 GB; nobody is by default.
-        restart: Throw away the result that is in the folder, whatever study it is of.
+        restart: Throw away the result that is in the folder, whatever study it is of, once this one has begun to run.
         device: ``cuda`` computes the scores on a graphics card (docs/gpu.md). A result is continued on what began it.
 
     Returns:
@@ -146,9 +146,9 @@ def run_study(
         if not lock.is_kept:
             _say(console, f"{out}: its file system has no locks; see that nobody else writes there", "yellow")
         if restart:
-            _say(console, discard(out), "yellow")
+            discardable(out)
         try:
-            _run(study, out, jobs, console, client, agree, lock)
+            _run(study, out, jobs, console, client, agree, lock, restart)
         except OSError as error:
             if error.errno not in _FULL:
                 raise
@@ -166,6 +166,7 @@ def _run(
     client: Client | None,
     agree: Agree | None,
     lock: Lock,
+    restart: bool,
 ) -> None:
     started = datetime.now(UTC)
     begin = time.perf_counter()
@@ -176,7 +177,7 @@ def _run(
             return StudyEvaluator(study)
 
     with console.status("looking at what is there"):
-        store = Store(study, evaluator, out, mend=True) if is_there(out / STORE) else None
+        store = Store(study, evaluator, out, mend=True) if is_there(out / STORE) and not restart else None
     if store is not None and store.mended:
         _say(console, f"{store.path}: {described(store.mended)}; what is lost is computed again", "yellow")
     total, workers = sum(planned_runs(study, d) for d in study.designs), jobs or joblib.cpu_count()
@@ -197,6 +198,8 @@ def _run(
             _say(console, sentence, "yellow")
         plan = _plan(evaluator(), todo, workers, console, agree)
         compiled = time.perf_counter()
+        if restart:  # only now: models, drives and estimators have shown that they work
+            _say(console, discard(out), "yellow")
         store = store or Store(study, evaluator, out)
         evaluator().lost()  # of the plan's first runs, which are computed once more
         _evaluate(evaluator(), store, todo, total, plan, console, client, lock)

@@ -195,22 +195,35 @@ def place_of(study: StudySpec, unit: Unit) -> checksums.Place:
     return design.name, unit.band, chunk, unit.drive
 
 
+def discardable(folder: Path) -> dict[str, Any] | None:
+    """Return the attributes of the result in a folder, ``None`` where there is none.
+
+    Raises:
+        UserError: If what is there is not a result of a study.
+    """
+    path = folder / STORE
+    if not sealed_root.is_there(path):
+        return None
+    try:
+        attributes = dict(stores.group(path).attrs)
+        attributes["study_name"]
+    except UserError:
+        raise
+    except (FileNotFoundError, ValueError, KeyError) as error:
+        raise UserError(f"{path} is not a result of this harness, so that --restart leaves it alone") from error
+    return attributes
+
+
 def discard(folder: Path) -> str:
     """Delete the result in a folder, its scores, record and report, and say what it was.
 
     Raises:
         UserError: If what is there is not a result of a study, or cannot be deleted.
     """
-    path = folder / STORE
-    if not sealed_root.is_there(path):
+    path, attributes = folder / STORE, discardable(folder)
+    if attributes is None:
         return f"{folder} holds no result to throw away"
-    try:
-        attributes = dict(stores.group(path).attrs)
-        name = str(attributes["study_name"])
-    except UserError:
-        raise
-    except (FileNotFoundError, ValueError, KeyError) as error:
-        raise UserError(f"{path} is not a result of this harness, so that --restart leaves it alone") from error
+    name = str(attributes["study_name"])
     done = 0
     for design in checksums.names(attributes["designs"]):
         done += len(checksums.finished(path, design))

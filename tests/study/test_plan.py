@@ -64,6 +64,16 @@ def test_restart_says_what_it_throws_away(study, finished, copy, console):
     assert (copy / "mine.txt").exists()
 
 
+def test_restart_keeps_the_result_where_the_study_cannot_run(study, finished, copy, monkeypatch):
+    def broken(evaluator, index):
+        raise UserError("the plant does not start")
+
+    monkeypatch.setattr("harness.study.evaluate.StudyEvaluator.warm_up", broken)
+    with pytest.raises(UserError, match="does not start"):
+        run_study(study, copy, jobs=1, restart=True)
+    assert bits(copy) == bits(finished)
+
+
 def test_restart_leaves_alone_what_is_no_result(study, tmp_path):
     (tmp_path / STORE).mkdir()
     (tmp_path / STORE / "data").write_text("mine")
