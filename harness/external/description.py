@@ -109,6 +109,50 @@ class Description:
             raise UserError(f"this describes no plant: {error}") from None
 
 
+def refuse_unfit(description: Description, where: str) -> None:
+    """Refuse sizes, limits, units and bounds that no plant has.
+
+    Args:
+        description: Of a plant.
+        where: File, named in the error.
+
+    Raises:
+        UserError: If one of them is out of its range, in one line with its key.
+    """
+    table = "vehicle." if description.kind == "fmu" else ""
+    sizes = {f"{table}{name}": getattr(description, name) for name in ("wheelbase", "steering_ratio")}
+    positive = sizes | {f"limits.{name}": limit for name, limit in description.limits.items()}
+    for key, value in positive.items():
+        if value is not None and not 0.0 < value < math.inf:
+            raise UserError(f"{where}: {key}: must be positive and finite, got {value:g}")
+    for group in ("inputs", "outputs", "disturbances"):
+        for port in getattr(description, group):
+            _refuse_unfit_scale(port, f"{where}: {group}.{port.signal}")
+    for p in description.parameters:
+        refuse_unfit_parameter(p, f"{where}: parameters.{p.name}")
+
+
+def refuse_unfit_parameter(p: ExternalParameter, key: str) -> None:
+    """Refuse a parameter whose unit, bounds or start cannot be.
+
+    Raises:
+        UserError: If one of them cannot.
+    """
+    _refuse_unfit_scale(p, key)
+    if not p.lower <= p.upper:
+        raise UserError(f"{key}: its lower bound {p.lower:g} is above its upper one {p.upper:g}")
+    if not p.lower <= p.value <= p.upper:
+        raise UserError(f"{key}: it starts at {p.value:g} {p.unit}, outside its bounds {p.lower:g} to {p.upper:g}")
+
+
+def _refuse_unfit_scale(entry: Port | ExternalParameter, key: str) -> None:
+    if not math.isfinite(entry.scale) or entry.scale == 0.0 or not math.isfinite(entry.offset):
+        raise UserError(
+            f"{key}: the unit of '{entry.variable}' is {entry.scale:g} times the SI unit, offset {entry.offset:g}, "
+            "which says nothing of its size; state another unit"
+        )
+
+
 def _plain(record: Any) -> dict[str, Any]:
     """Return a record's fields that are not at their default, records in them alike."""
     content: dict[str, Any] = {}

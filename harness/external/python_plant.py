@@ -22,7 +22,7 @@ from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.registry import closest
 from harness.external.bodies import Run
-from harness.external.description import Description, ExternalParameter, Port, digest_of
+from harness.external.description import Description, ExternalParameter, Port, digest_of, refuse_unfit
 from harness.external.references import imported, located
 from harness.models.signals import SIGNALS
 
@@ -164,7 +164,7 @@ def _description(reference: str, declared: Mapping[str, Any], digests: dict[str,
         for name, unit in (("wheelbase", "m"), ("steering_ratio", ""))
         if declared.get(name) is not None
     }
-    return Description(
+    description = Description(
         "python",
         reference,
         digests,
@@ -176,6 +176,8 @@ def _description(reference: str, declared: Mapping[str, Any], digests: dict[str,
         facts={"interface": "simulate" if declared["whole"] else "reset and step"},
         **sizes,
     )
+    refuse_unfit(description, where)
+    return description
 
 
 def _ports(declared: Mapping[str, Any], group: str, where: str) -> tuple[Port, ...]:

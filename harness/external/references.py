@@ -65,5 +65,6 @@ def imported(loader: Mapping[str, Any]) -> Any:
         raise
     if not hasattr(module, loader["name"]):
         there = [n for n, value in vars(module).items() if callable(value) and n[:1] != "_"]
-        raise UserError(f"'{reference}': {module.__file__} has no '{loader['name']}'; there are: {', '.join(there)}")
+        listing = f"there are: {', '.join(there)}" if there else "no class or function is in it"
+        raise UserError(f"'{reference}': {module.__file__} has no '{loader['name']}'; {listing}")
     return getattr(module, loader["name"])

@@ -1,5 +1,6 @@
 """FMUs are looked into before anything of them is run: harmful, foreign and unfit ones are refused in one line."""
 
+import os
 import stat
 import sys
 import zipfile
@@ -9,7 +10,7 @@ import pytest
 from harness.common.errors import UserError
 from harness.external.fmu import archive
 from harness.external.fmu.model import read_model
-from harness.external.fmu.read import describe
+from harness.external.fmu.read import describe, parameters
 from support.fmus import SPRING, SPRING_MAP, make, needs_compiler
 
 DESCRIPTION = """<?xml version="1.0" encoding="UTF-8"?>{doctype}
@@ -110,6 +111,14 @@ def test_a_damaged_archive_is_refused(damage, tmp_path):
     path.write_bytes(path.read_bytes()[:-30] if content is None else content)
     with pytest.raises(UserError, match=reason):
         read_model(path)
+
+
+def test_what_is_no_file_is_refused_and_not_waited_for(tmp_path):
+    for make_other in (os.mkfifo, os.mkdir):
+        path = tmp_path / f"{make_other.__name__}.fmu"
+        make_other(path)
+        with pytest.raises(UserError, match="is no regular file"):
+            read_model(path)
 
 
 REAL = '<ScalarVariable name="{}" valueReference="{}" causality="output"><Real/></ScalarVariable>'
@@ -218,6 +227,13 @@ UNFIT = {
     "limit unit": ({"limits": {"heading": "3 m/s"}}, "limits.heading"),
     "no parameter": ({"parameters": {"p": "rate"}}, "none that can be set"),
     "name taken": ({"parameters": {"k": "body.m"}}, "parameters.k: is the name of another parameter"),
+    "negative limit": ({"limits": {"heading": "-60 deg"}}, "limits.heading: must be positive"),
+    "no wheelbase": ({"vehicle": {"wheelbase": "0 m"}}, "vehicle.wheelbase: must be positive"),
+    "negative ratio": ({"vehicle": {"steering_ratio": -16}}, "vehicle.steering_ratio: must be positive"),
+    "start": (
+        {"parameters": {"mass": {"variable": "body.m", "lower": "2.5 kg"}}},
+        "starts at 2 kg, outside its bounds",
+    ),
     "bounds": ({"parameters": {"mass": {"variable": "body.m", "lower": "4 kg"}}}, "lower bound 4 is above"),
 }
 
@@ -231,6 +247,25 @@ def test_a_map_that_does_not_do_names_file_and_key(kind, spring):
     assert str(refusal.value).startswith("truck.toml: ")
     assert reason in str(refusal.value)
     assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("unit", "attributes", "words"),
+    [
+        ("nothing", 'start="2"', "the unit of 'm' is 0 times the SI unit"),
+        ("kg", 'start="2" min="3" max="1"', "truck.fmu: its variable 'm' has the minimum 3 above the maximum 1"),
+        ("kg", 'start="2" min="3"', "truck.fmu: parameters.m: it starts at 2 kg, outside its bounds"),
+    ],
+)
+def test_an_fmu_whose_own_units_or_bounds_cannot_be_is_named(unit, attributes, words, tmp_path):
+    declared = 'name="m" valueReference="0" causality="parameter" variability="fixed"'
+    variables = f'<ScalarVariable {declared}><Real {attributes} unit="{unit}"/></ScalarVariable>'
+    defined = '<UnitDefinitions><Unit name="nothing"><BaseUnit kg="1" factor="0"/></Unit></UnitDefinitions>'
+    xml = description(variables=variables).replace("<ModelVariables>", f"{defined}<ModelVariables>")
+    path = fmu(tmp_path, xml)
+    with pytest.raises(UserError) as refusal:
+        parameters(read_model(path), {}, str(path))
+    assert words in str(refusal.value)
 
 
 @needs_compiler

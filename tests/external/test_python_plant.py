@@ -132,6 +132,12 @@ def test_a_fault_loses_its_run_and_all_others_keep_their_bits(tmp_path, plain, f
             "missing 1 required positional argument: 'x'",
         ),
         ("import math", "import math, os\nos.abort()", "SIGABRT"),
+        ("class Plant", "Plants = 1\nif False:\n  class Plant", "has no 'Plant'; no class or function is in it"),
+        ('"2.6 m"', '"0 m"', ": wheelbase: must be positive"),
+        ('"2.6 m", 16', '"2.6 m", -16', ": steering_ratio: must be positive"),
+        ("1.2, 1.4\n", "1.2, 1.4\n    limits = {'yaw_rate': '-9 deg/s'}\n", "limits.yaw_rate: must be positive"),
+        ('"lower": 100.0', '"lower": 1600.0', "parameters.yaw_inertia: it starts at 1500 kg"),
+        ('"lower": 100.0', '"lower": 160.0, "upper": 50.0', "its lower bound 160 is above its upper one 50"),
         ("1.2, 1.4\n", "1.2, 1.4\n    limits = {'speed': 3}\n", "'speed' is none of its outputs"),
     ],
 )

@@ -7,10 +7,11 @@ of its estimates and the NIS.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
+from harness.common.units import to_si
 from harness.config.schema import Quantity
 from harness.engine.compile import CompiledModel
 from harness.estimation.external_filter import ExternalFilter
@@ -21,7 +22,15 @@ from harness.runner.contract import Filter
 
 HAS_COVARIANCE = False
 
-Names = list[str] | dict[str, str]
+
+def _several(names: object) -> object:
+    return [names] if isinstance(names, str) else names
+
+
+Names = Annotated[list[str] | dict[str, str], BeforeValidator(_several)]
+"""Signals; text is a single one."""
+
+Texts = Annotated[list[str], BeforeValidator(_several)]
 
 
 class Settings(BaseModel):
@@ -44,7 +53,7 @@ class Settings(BaseModel):
     )
     measurements: Names | None = Field(default=None, description="the same of what is measured")
     estimates: Names | None = Field(default=None, description="the same of the signals that it gives")
-    values: list[str] | None = Field(
+    values: Texts | None = Field(
         default=None,
         description="parameters and noise of the belief that it gets before a run, see the page; a Python class all",
     )
@@ -52,7 +61,7 @@ class Settings(BaseModel):
     nis: bool | None = Field(default=None, description="whether it gives the NIS as well")
     timeout: Quantity = Field(default="60 s", description="by the clock, that a run may take")
     settings: dict[str, Any] = Field(default_factory=dict, description="handed on to it")
-    files: list[str] = Field(default_factory=list, description="further files that decide what it does")
+    files: Texts = Field(default_factory=list, description="further files that decide what it does")
 
     @model_validator(mode="after")
     def _one_file(self) -> Settings:
@@ -63,6 +72,8 @@ class Settings(BaseModel):
             )
         if self.filter is not None and self.fmu is None:
             raise ValueError("filter: it is one over the states of an FMU; state 'fmu'")
+        if not to_si(self.timeout, "s", "timeout") > 0:
+            raise ValueError("timeout: a run takes some time; give a positive one, e.g. '60 s'")
         return self
 
 

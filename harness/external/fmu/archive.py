@@ -38,13 +38,18 @@ def opened(path: Path) -> Iterator[zipfile.ZipFile]:
             are too many or too large.
     """
     try:
-        size = path.stat().st_size
+        about = path.stat()
+        if not stat.S_ISREG(about.st_mode):  # a pipe would be waited for
+            raise UserError(f"{path}: is no regular file; an FMU is one")
+        size = about.st_size
         archive = zipfile.ZipFile(path)
     except FileNotFoundError:
         raise UserError(f"{path}: there is no such FMU") from None
     except zipfile.BadZipFile:
         cut = "; it may be cut short" if _begins_as_zip(path) else ""
         raise UserError(f"{path}: is no FMU, which is a zip file{cut}") from None
+    except UserError:
+        raise
     except (OSError, ValueError, NotImplementedError) as error:
         raise UserError(f"{path}: cannot be read as a zip file: {_words(error)}") from None
     with archive:

@@ -11,7 +11,14 @@ from typing import Any
 
 from harness.common.errors import UserError, closest
 from harness.common.units import to_si
-from harness.external.description import Description, ExternalParameter, Port, digest_of
+from harness.external.description import (
+    Description,
+    ExternalParameter,
+    Port,
+    digest_of,
+    refuse_unfit,
+    refuse_unfit_parameter,
+)
 from harness.external.fmu.model import REALS, FmuModel, Variable, read_model
 from harness.external.fmu.units import Conversion, of_parameter, of_variable, stated
 from harness.models.contracts import DRIVE_INPUTS
@@ -67,7 +74,7 @@ def describe(
     _refuse_unknown(tables["vehicle"], ("wheelbase", "steering_ratio"), f"{where}: vehicle")
     _refuse_unknown(tables["limits"], tuple(port.signal for port in outputs), f"{where}: limits", "published signal")
     vehicle = tables["vehicle"]
-    return Description(
+    description = Description(
         kind="fmu",
         file=str(path) if file is None else file,
         digests={path.name: digest_of(path)},
@@ -76,7 +83,7 @@ def describe(
         disturbances=disturbances,
         parameters=parameters(model, tables["parameters"], where),
         limits={
-            name: abs(to_si(value, SIGNALS[name].unit, f"{where}: limits.{name}"))
+            name: to_si(value, SIGNALS[name].unit, f"{where}: limits.{name}")
             for name, value in tables["limits"].items()
         },
         wheelbase=to_si(vehicle["wheelbase"], "m", f"{where}: vehicle.wheelbase") if "wheelbase" in vehicle else None,
@@ -87,6 +94,8 @@ def describe(
         ),
         facts=facts(model, used),
     )
+    refuse_unfit(description, where)
+    return description
 
 
 @dataclass(frozen=True)
@@ -323,7 +332,7 @@ def parameters(model: FmuModel, table: Mapping[str, Any], where: str) -> tuple[E
     for variable in others:
         if variable.name in named:
             raise UserError(f"{where}: parameters.{variable.name}: is the name of another parameter of the FMU")
-    return (*renamed.values(), *(_parameter(model, v.name, v, {}, where) for v in others))
+    return (*renamed.values(), *(_parameter(model, v.name, v, {}, f"{where}: parameters.{v.name}") for v in others))
 
 
 def _parameter(
@@ -337,12 +346,17 @@ def _parameter(
         own = by_fmu or Conversion(1.0, 0.0, "dimensionless")
         if by_fmu is None:
             meaning = f"{meaning} (in {variable.unit})".strip()
+    if variable.lower > variable.upper:
+        raise UserError(
+            f"{model.path}: its variable '{variable.name}' has the minimum {variable.lower:g} above the maximum "
+            f"{variable.upper:g}"
+        )
     ends = sorted(own.scale * bound + own.offset for bound in (variable.lower, variable.upper))
     lower, upper = (
         to_si(settings[name_], own.unit, f"{key}.{name_}") if name_ in settings else bound
         for name_, bound in zip(("lower", "upper"), ends, strict=True)
     )
     value = own.scale * variable.start + own.offset
-    if lower > upper:
-        raise UserError(f"{key}: its lower bound {lower:g} is above its upper one {upper:g}")
-    return ExternalParameter(name, variable.name, own.unit, value, lower, upper, own.scale, own.offset, meaning)
+    parameter = ExternalParameter(name, variable.name, own.unit, value, lower, upper, own.scale, own.offset, meaning)
+    refuse_unfit_parameter(parameter, key)
+    return parameter

@@ -12,6 +12,7 @@ from harness.external.fmu.model import BaseUnit, FmuModel
 
 _EXPONENT = re.compile(r"([A-Za-z])(-?\d+)")
 _PINT = {"kilogram": "kg", "meter": "m", "second": "s", "ampere": "A", "kelvin": "K", "mole": "mol", "candela": "cd"}
+_REMEDY = 'state the right one in the map: { variable = "...", unit = "..." }'
 _PLAIN = ("", "1", "-", "dimensionless")
 
 
@@ -62,13 +63,17 @@ def of_variable(model: FmuModel, unit: str, target: str, where: str) -> Conversi
     """
     defined = model.units.get(unit)
     if defined is None:
+        try:
+            scale(written(unit), written(unit), where)
+        except UserError:
+            raise UserError(f"{where}: nobody knows its unit '{unit}'; {_REMEDY}") from None
         return stated(unit, target, where)
     if not defined.exponents and defined.factor == 1.0:
         return stated("1", target, where)
     if dict(defined.exponents) != dict(_exponents(target)) and not _lacks_radians_only(unit, defined, target):
         raise UserError(
             f"{where}: its unit '{unit}' is {_text(defined.exponents)} in base units, but {target or '1'} is expected; "
-            'state the right one in the map: { variable = "...", unit = "..." }'
+            f"{_REMEDY}"
         )
     return Conversion(defined.factor, defined.offset, target)
 
