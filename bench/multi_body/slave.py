@@ -1,9 +1,9 @@
-"""The multi-body car of ``plant.py`` as an FMU: ``pythonfmu build -f slave.py plant.py``.
+"""The multi-body car as an FMU: ``pythonfmu build -f slave.py commonroad_car.py``.
 
 In the study, ``fmu = "MultiBodyCar.fmu"`` and ``map = "car.toml"`` then stand in place of ``python``.
 """
 
-from plant import MultiBody
+from commonroad_car import MultiBody
 from pythonfmu import Fmi2Causality, Fmi2Slave, Fmi2Variability, Real
 from vehiclemodels.init_mb import init_mb
 

@@ -25,7 +25,7 @@ def identify(
     free: Sequence[str],
     *,
     test: Any = (),
-    method: str = "likelihood",
+    method: str | None = None,
     settings: Mapping[str, Any] | None = None,
     seed: int = 0,
     jobs: int | None = None,
@@ -39,7 +39,7 @@ def identify(
         train: Recording or list of recordings to fit: paths, DataFrames or Datasets, see ``harness.read_recording``.
         free: Names of the parameters to find.
         test: Held-out recordings, on which the fit is judged.
-        method: ``likelihood``, ``swarm`` or ``em`` (docs/identification).
+        method: ``likelihood`` (default), ``swarm`` or ``em`` (docs/identification).
         settings: Of the method.
         seed: Of the method's random numbers.
         jobs: Threads; all cores by default.
@@ -69,7 +69,7 @@ def identify(
     held_out = recordings_of(test, "test") if not _is_none(test) else []
     spec = model.resolved_for([*fitted, *held_out], step=step_of(fitted[0]))
     names = (free,) if isinstance(free, str) else tuple(free)
-    task = FitTask(spec, fitted, names, held_out, method, dict(settings or {}), seed, jobs)
+    task = FitTask(spec, fitted, names, held_out, method or "likelihood", dict(settings or {}), seed, jobs)
     with showing(Console(stderr=True), "compiling") as show:
         return Identification(fit_recordings(task, show))
 

@@ -215,7 +215,7 @@ def identify(task: IdentifyOptions) -> None:
             [read_recording(path, task.channels) for path in task.train],
             free,
             test=[read_recording(path, task.channels) for path in task.test],
-            method=task.method or "likelihood",
+            method=task.method,
             settings=pairs(task.settings, "--setting"),
             seed=task.seed,
             jobs=task.jobs,

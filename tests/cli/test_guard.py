@@ -265,6 +265,7 @@ def test_an_interrupt_that_the_interpreter_drops_comes_once_more(tmp_path, capsy
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no signal ends a process there")
+@pytest.mark.usefixtures("in_the_foreground")
 def test_an_interrupt_after_the_end_of_a_command_is_no_traceback():
     at_exit = "import atexit, os, signal, sys; atexit.register(lambda: os.kill(os.getpid(), signal.SIGINT))"
     code = f"{at_exit}; sys.argv = ['harness', '--version']; from harness.__main__ import main; main()"

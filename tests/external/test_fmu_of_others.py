@@ -80,8 +80,8 @@ def test_the_multi_body_car_of_commonroad_as_fmu_moves_as_its_python_class(tmp_p
     builder = pytest.importorskip("pythonfmu.builder").FmuBuilder
     if not builder.has_binary():
         pytest.skip("PythonFMU has no binary for this platform")
-    path = builder.build_FMU(CAR / "slave.py", dest=tmp_path, project_files=[CAR / "plant.py"])
-    declared = python_plant.described("plant:MultiBody", (CAR,), "plant")
+    path = builder.build_FMU(CAR / "slave.py", dest=tmp_path, project_files=[CAR / "commonroad_car.py"])
+    declared = python_plant.described("commonroad_car:MultiBody", (CAR,), "plant")
     described = describe(path, read_toml(CAR / "car.toml"))
     for group in ("inputs", "outputs", "disturbances"):
         assert [p.signal for p in getattr(described, group)] == [p.signal for p in getattr(declared, group)]
@@ -92,7 +92,7 @@ def test_the_multi_body_car_of_commonroad_as_fmu_moves_as_its_python_class(tmp_p
     results = []
     for loader, of in (
         ({"kind": "fmu", "file": str(path)}, described),
-        ({"kind": "python", **python_plant.located("plant:MultiBody", (CAR,))[1]}, declared),
+        ({"kind": "python", **python_plant.located("commonroad_car:MultiBody", (CAR,))[1]}, declared),
     ):
         values = {p.name: p.value for p in of.parameters} | {"mass": 1300.0, "friction": 0.5}
         workers = Workers({**loader, "description": of.as_dict()})
