@@ -117,6 +117,11 @@ class ExternalFilter:
         self.gives = np.array([name in self._estimates.names for name in self.signals], dtype=bool)
 
     @property
+    def times_steps(self) -> bool:
+        """Whether single steps of it can be timed; those of an FMU cannot."""
+        return self._kind != "fmu"
+
+    @property
     def nis_scale(self) -> float:
         """Measurements of the belief over those that it takes: scaled so its NIS compares with the former number."""
         return len(self.ports.outputs) / max(len(self._measurements.names), 1)
@@ -168,10 +173,8 @@ class ExternalFilter:
         """Return what takes samples of the first run of a batch in a worker process and times them.
 
         Raises:
-            UserError: If its code cannot be timed so, or fails.
+            UserError: If its code fails.
         """
-        if self._kind == "fmu":
-            self._refuse("steps of an FMU cannot be timed one by one; leave it out of the study")
         run = self._runs(inputs.at, measurements, held)[0]
 
         def take(samples: slice, begins: bool) -> Timed:

@@ -129,13 +129,15 @@ def _first_lane(array: Floats) -> Floats:
 def contestants(study: StudySpec, drive: str, duration: float) -> dict[str, Contestant | ExternalContestant]:
     """Return the estimators of a study at the beginning of one run in which plant and belief are as stated.
 
+    Those that are FMUs are left out: single steps of them cannot be timed.
+
     Args:
         study: The study; its designs do not matter.
         drive: Name of one of its drives.
         duration: s of it.
 
     Raises:
-        UserError: If there is no such drive, it is shorter, or the system lacks the clock.
+        UserError: If there is no such drive, it is shorter, the system lacks the clock, or nothing can be timed.
     """
     if not hasattr(time, "CLOCK_MONOTONIC"):
         raise UserError("steps are timed by clock_gettime, which Windows lacks; use Linux or macOS for this command")
@@ -159,10 +161,16 @@ def contestants(study: StudySpec, drive: str, duration: float) -> dict[str, Cont
     for i, (spec, estimator) in enumerate(zip(study.estimators, evaluator.compiled.estimators, strict=True)):
         inputs, held = evaluator.inputs(i, 0, batch, believed), evaluator.believed_by(i, unit, case, believed)
         if isinstance(estimator, ExternalFilter):
+            if not estimator.times_steps:
+                continue
             field[spec.name] = ExternalContestant(estimator.timed(inputs, measurements, held))
             continue
         assert isinstance(estimator, CompiledEstimator)
         field[spec.name] = Contestant(spec.kind, belief, *estimator.begin(held), inputs.at, measurements)
+    if not field:
+        raise UserError(
+            f"study '{study.name}': steps of an FMU cannot be timed one by one, and it has no other estimator"
+        )
     return field
 
 

@@ -46,9 +46,10 @@ def judge(times: xr.Dataset, study: StudySpec, drive: str) -> xr.Dataset:
     """
     from harness.study.provenance import code_state, commit, processor  # imports what runs estimators
 
-    kinds = {e.name: e.kind for e in study.estimators}
-    reference = next((name for name, kind in kinds.items() if kind == "ekf"), study.estimators[0].name)
-    values, names = times["step_time"].values, list(kinds)
+    values, names = times["step_time"].values, [str(name) for name in times["estimator"].values]
+    kinds = {e.name: e.kind for e in study.estimators if e.name in names}
+    reference = next((name for name, kind in kinds.items() if kind == "ekf"), names[0])
+    left_out = [e.name for e in study.estimators if e.name not in names]
     cycle = study.belief.step
     ratio = _ratios(values, names.index(reference), max(1, round(_BLOCK / cycle)), study.seed)
     judged = times.assign(
@@ -66,6 +67,7 @@ def judge(times: xr.Dataset, study: StudySpec, drive: str) -> xr.Dataset:
         cycle=cycle,
         reference=reference,
         kinds=json.dumps(kinds),
+        **({"left_out": json.dumps(left_out)} if left_out else {}),
         load_average=os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan"),
         cores=os.cpu_count() or 1,
         machine=processor(),

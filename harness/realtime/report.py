@@ -10,6 +10,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
+from harness.models.quantities import listed
 from harness.realtime.measure import TURN
 from harness.realtime.outcome import PACES, PUBLISHED, STORE, published_ratio
 from harness.reporting import style
@@ -54,8 +55,14 @@ def answer(outcome: xr.Dataset) -> str:
     return (
         f"{verdict}: the slowest, {slowest}, takes {_micro(float(typical.max()))} in the median ({percent(load)} of "
         f"the cycle), one step in a thousand takes more than {_micro(float(rare.sel(estimator=slowest)))}, and the "
-        f"longest step of any estimator took {_micro(float(longest.max()))}."
+        f"longest step of any estimator took {_micro(float(longest.max()))}." + _left_out(outcome)
     )
+
+
+def _left_out(outcome: xr.Dataset) -> str:
+    """Say which estimators of the study were not timed; empty where all were."""
+    names = json.loads(outcome.attrs.get("left_out", "[]"))
+    return f" Not timed: {listed(names)}, since single steps of an FMU cannot be." if names else ""
 
 
 def report(outcome: xr.Dataset, findings: Sequence[Block] = ()) -> Report:

@@ -1,5 +1,7 @@
 """Observers that are FMUs."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,9 @@ from harness.common.errors import UserError
 from harness.common.files import toml_text
 from harness.config import build_study
 from harness.external.fmu.estimators import load
+from harness.realtime.measure import contestants, measure
+from harness.realtime.outcome import judge
+from harness.realtime.report import answer
 from harness.study.design import units
 from harness.study.evaluate import StudyEvaluator
 from harness.study.score_names import OK, STATUS
@@ -115,7 +120,9 @@ GOVINDARAJAN = {
 }
 
 
-def test_an_observer_in_a_study_stands_beside_our_filter(tmp_path):
+@pytest.fixture
+def beside(tmp_path):
+    """Return a study of our filter and an FMU that takes the measurement for the yaw rate."""
     follows = Equations(
         {"yaw_rate": "deg/s"}, {"r": "deg/s"}, {"gain": ("", 1.0)}, {"b": 0.0},
         "dx[0] = 100.0 * p[0] * (u[0] - x[0]); y[0] = x[0];",
@@ -123,8 +130,20 @@ def test_an_observer_in_a_study_stands_beside_our_filter(tmp_path):
     make(tmp_path, follows)
     (tmp_path / "observer.toml").write_text('[measurements]\nyaw_rate = "yaw_rate"\n[estimates]\nyaw_rate = "r"\n')
     foreign = {"name": "FMU", "kind": "external", "fmu": "truck_2_cs.fmu", "settings": {"map": "observer.toml"}}
-    study = build_study({**GOVINDARAJAN, "estimator": ["ekf", foreign]}, tmp_path / "study.toml")
-    evaluator = StudyEvaluator(study)
+    return build_study({**GOVINDARAJAN, "estimator": ["ekf", foreign]}, tmp_path / "study.toml")
+
+
+def test_an_fmu_is_left_out_where_steps_are_timed_and_the_others_are_not(beside):
+    field = contestants(beside, "sine", 1.0)
+    outcome = judge(measure(field, 101, 0.002), beside, "sine")
+    assert outcome["estimator"].values.tolist() == ["ekf"]
+    assert "Not timed: FMU" in answer(outcome)
+    with pytest.raises(UserError, match="has no other estimator"):
+        contestants(replace(beside, estimators=beside.estimators[1:]), "sine", 1.0)
+
+
+def test_an_observer_in_a_study_stands_beside_our_filter(beside):
+    study, evaluator = beside, StudyEvaluator(beside)
     results = [evaluator.evaluate(unit) for design in study.designs for unit in units(study, design)]
     assert evaluator.lost() == []
     assert all((r[STATUS] == OK).all() for r in results)
