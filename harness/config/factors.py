@@ -124,6 +124,11 @@ def _check_noise(table: FactorTable, key: str, models: Models, problems: Problem
     return not lacking
 
 
+def is_believed(name: str, belief: ModelSpec) -> bool:
+    """Return whether a belief holds what a factor varies, so that the nominal value is its."""
+    return name in NOISE_SCALES or name in belief.values or name in loading_parameters(belief.vehicle)
+
+
 def _nominal(name: str, models: Models) -> float:
     """Return what the belief holds, or the plant where the belief has no such quantity."""
     for spec in (models.belief, models.plant):

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from harness.common import stores
 from harness.config import DesignSpec, ModelSpec, StudySpec
 from harness.config.bounds import loading_parameters
+from harness.config.factors import is_believed
 from harness.config.self_contained import self_contained
 from harness.external.description import Description
 from harness.models.signals import SIGNALS
@@ -127,6 +128,7 @@ def _known(study: StudySpec, design: DesignSpec, evaluator: StudyEvaluator) -> x
             "scale": "log" if f.log else "linear",
             "lower": list(f.lower),
             "upper": list(f.upper),
+            **({} if is_believed(f.parameter, study.belief) else {"believed": False}),
         }
         for name, f in zip(table.factors, design.factors, strict=True)
     ]

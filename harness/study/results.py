@@ -48,9 +48,10 @@ class Factor:
         of: ``plant``, ``belief`` or ``both``.
         lower: Lower end per band, ``(band,)``.
         upper: Upper end per band, ``(band,)``.
-        nominal: Value the estimators believe; NaN where there is no single one.
+        nominal: Value the estimators believe, or of the plant where they know nothing of it; NaN where there is none.
         values: Value used, ``(band, sample)``.
         log: Whether bands are filled evenly in the logarithm.
+        is_believed: Whether the estimators believe anything of it; else ``nominal`` is the plant's, as stated.
     """
 
     name: str
@@ -62,6 +63,7 @@ class Factor:
     nominal: float
     values: NDArray[np.float64]
     log: bool = False
+    is_believed: bool = True
 
 
 def _decode(value: Any) -> Any:
@@ -90,6 +92,7 @@ def _factor(row: dict[str, Any], data: xr.Dataset) -> Factor:
         nominal=np.nan if nominal is None else float(nominal) / base,
         values=si / base,
         log=row.get("scale") == "log",
+        is_believed=bool(row.get("believed", True)),
     )
 
 
@@ -247,11 +250,17 @@ class Design:
 
     @property
     def matched_is(self) -> str:
-        """What the matched band is: as believed or around that; as stated, where the belief varies as well."""
+        """What the matched band is: as believed or around that; as stated, where the belief varies or knows nothing."""
         if not all(f.of == "plant" for f in self.factors):
             return "as stated"
         wide = any(f.lower[self.matched] < f.upper[self.matched] for f in self.factors)
-        return "around what is believed" if wide else "as believed"
+        return f"around what is {self.nominal_is}" if wide else f"as {self.nominal_is}"
+
+    @property
+    def nominal_is(self) -> str:
+        """Whose the nominal values are: believed, or stated where the belief varies or has no such parameter."""
+        believed = all(f.of == "plant" and f.is_believed for f in self.factors)
+        return "believed" if believed else "stated"
 
     @property
     def sampling(self) -> str:

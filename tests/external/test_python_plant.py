@@ -13,7 +13,9 @@ from harness.common.files import toml_text
 from harness.config import build_study
 from harness.study.design import units
 from harness.study.evaluate import StudyEvaluator
+from harness.study.results import read
 from harness.study.score_names import LOST, OK, STATUS
+from harness.study.store import Store
 from support.single_track import PLANT, STUDY
 
 
@@ -210,6 +212,15 @@ def test_a_store_says_what_the_plant_is_without_its_file(tmp_path, plain):
     (tmp_path / "my_plant.py").write_text(PLANT + "# another\n")
     with pytest.raises(UserError, match="its content is another one"):
         StudyEvaluator(again)
+
+
+def test_a_store_says_which_factors_the_belief_knows_nothing_of(tmp_path):
+    factors = {"mass": ["1.2 t", "1.6 t"], "front_stiffness": ["80 kN/rad", "90 kN/rad"]}
+    designs = [{"name": n, "factor": [{"parameter": n, "levels": levels}]} for n, levels in factors.items()]
+    foreign = study(tmp_path, design=designs)
+    Store(foreign, lambda: StudyEvaluator(foreign), tmp_path / "out")
+    mass, stiffness = (d.factors[0].is_believed for d in read(tmp_path / "out").designs)
+    assert (mass, stiffness) == (True, False)
 
 
 def test_a_whole_drive_at_once_is_the_same_as_step_by_step(tmp_path, plain):

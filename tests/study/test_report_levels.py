@@ -1,6 +1,7 @@
 """How a level is said: by its value, or by how far it is from what is believed."""
 
 from copy import deepcopy
+from dataclasses import replace
 
 import pytest
 
@@ -63,6 +64,14 @@ def designs(tmp_path_factory):
 )
 def test_a_level_is_said_as_the_study_states_it(designs, design, band, home, expected):
     assert phrase(designs[design], band, home) == expected
+
+
+def test_what_the_estimators_know_nothing_of_is_not_believed(designs):
+    design = deepcopy(designs["mass"])
+    design.factors[0] = replace(design.factors[0], is_believed=False)
+    assert phrase(design, 2, 1) == "with the mass 300 kg heavier than stated"
+    assert phrase(design, 1, 0) == "with the mass as stated instead of 200 kg lighter"
+    assert design.matched_is == "as stated"
 
 
 def test_a_level_that_looks_like_a_difference_is_none(designs):

@@ -45,8 +45,8 @@ def phrase(design: Design, band: int, home: int | None = None) -> str:
     other = None if said is None else _difference(design, home)
     if other is not None:
         return f"{text} instead of {other[1]}" if other[1] else text
-    believed = home == design.matched and all(f.of == "plant" for f in design.factors) and _is_single(design, home)
-    return f"{text} instead of {'the believed ' if believed else ''}{design.bands[home]}"
+    named = home == design.matched and all(f.of == "plant" for f in design.factors) and _is_single(design, home)
+    return f"{text} instead of {f'the {design.nominal_is} ' if named else ''}{design.bands[home]}"
 
 
 def varied(design: Design) -> str:
@@ -76,7 +76,7 @@ def _difference(design: Design, band: int) -> tuple[str, str] | None:
     ``None`` where the study states it as a value, or in words of its own.
     """
     factors, labels = design.factors, _labels(design, band)
-    as_what = "believed" if all(f.of == "plant" for f in factors) else "stated"
+    as_what = design.nominal_is
     owner = "believed to be " if all(f.of == "belief" for f in factors) else ""
     exactly = f"the {varied(design)} {owner}as {as_what}", ""
     width, *others = dict.fromkeys(re.sub(r"^0[^±]* (?=±)", "", label) for label in labels)  # of a shift by nothing

@@ -56,7 +56,7 @@ def _picture(analysis: Analysis, findings: Findings, number: int, targets: list[
             label = name
             handles.append(Line2D([], [], color=look.colour, marker=look.marker, ls="", label=label))
         if np.isfinite(factor.nominal):
-            handles.append(Line2D([], [], color="black", ls="--", lw=1.0, label="believed"))
+            handles.append(Line2D([], [], color="black", ls="--", lw=1.0, label=design.nominal_is))
         style.head(fig, f"How does the error change with the actual {factor.words}?", handles)
         svg = style.svg(fig)
     names = " and ".join(design.targets[t].words for t in targets)

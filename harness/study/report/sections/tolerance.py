@@ -54,7 +54,7 @@ def value_at(factor: Factor, share: float) -> float:
 def breaks_first(design: Design, borne: Tolerance) -> str:
     """Name the factor that alone breaks the limit first, and where."""
     if borne.first is None:
-        return "no factor alone" if borne.nominal <= 1.0 else "broken as believed"
+        return "no factor alone" if borne.nominal <= 1.0 else f"broken as {design.nominal_is}"
     i, upwards = borne.first
     reach = float(borne.upper[i] if upwards else -borne.lower[i])
     factor = design.factors[i]
@@ -101,8 +101,8 @@ def _sentence(design: Design, limit: str, e: int, borne: Tolerance) -> str:
     if borne.nominal > 1.0:
         how = "diverges" if np.isinf(borne.nominal) else f"has an error {number(borne.nominal, 2)} times as large"
         return (
-            f"No estimator stays below {limit} even where the vehicle is as believed: the best, {name}, {how} on the "
-            "worst drive. No box meets this limit."
+            f"No estimator stays below {limit} even where the vehicle is as {design.nominal_is}: the best, {name}, "
+            f"{how} on the worst drive. No box meets this limit."
         )
     text = f"{name} tolerates most: its error stays below {limit} on every drive"
     text += f" while all factors together stay within {100 * borne.box:.0f} % of the way to the edges of the box."
@@ -115,9 +115,9 @@ def _rule(design: Design, borne: dict[tuple[int, int], Tolerance]) -> str:
     whole = next(iter(borne.values()))
     runs = design.status[:, 0].size
     return (
-        f"{whole.rays} points of the whole box and each factor alone drift from the believed values to the edges in "
-        f"{len(design.bands)} steps, {runs} runs of each estimator on {len(design.drives)} drives. The limit is "
-        "broken where the RMSE on any drive exceeds it or the estimator diverges. Between two steps the error is "
+        f"{whole.rays} points of the whole box and each factor alone drift from the {design.nominal_is} values to the "
+        f"edges in {len(design.bands)} steps, {runs} runs of each estimator on {len(design.drives)} drives. The limit "
+        "is broken where the RMSE on any drive exceeds it or the estimator diverges. Between two steps the error is "
         "taken as linear. The box is the largest in which no point broke the limit; so "
         f"{100 * whole.holds:.1f} % of its "
         f"points or more hold it at 95 % confidence (distribution-free, Wilks 1941).{uncontrolled(design)}"
@@ -153,10 +153,10 @@ def _picture(
         svg = style.svg(fig)
     lost = ", ".join(f"{n} {design.count(ESTIMATOR_DIVERGED, None, e)}" for e, n in enumerate(design.estimators))
     caption = (
-        f"Drift from the believed value (0) towards the edges of the box (−100 %, 100 %), design “{design.name}”, "
-        f"at which the RMSE of {target.words} reaches {limit} on some drive: all factors at once, and each alone. "
-        f"Filled: the limit is reached; open: it holds up to the edge. n = {design.status[:, 0].size} runs of each "
-        f"estimator, diverged: {lost}."
+        f"Drift from the {design.nominal_is} value (0) towards the edges of the box (−100 %, 100 %), design "
+        f"“{design.name}”, at which the RMSE of {target.words} reaches {limit} on some drive: all factors at once, and "
+        "each alone. Filled: the limit is reached; open: it holds up to the edge. "
+        f"n = {design.status[:, 0].size} runs of each estimator, diverged: {lost}."
     )
     return Picture(svg, caption, question)
 
@@ -193,11 +193,11 @@ def _summary(design: Design, t: int, limit: str, borne: dict[tuple[int, int], To
             ]
         )
     caption = (
-        f"What the estimators tolerate until the RMSE of {design.targets[t].words} exceeds {limit}. As believed: error "
-        "on the worst drive over the limit. Box: of the way to the edges, all factors at once; half of the points "
-        "break the limit before the median."
+        f"What the estimators tolerate until the RMSE of {design.targets[t].words} exceeds {limit}. As "
+        f"{design.nominal_is}: error on the worst drive over the limit. Box: of the way to the edges, all factors at "
+        "once; half of the points break the limit before the median."
     )
-    return Sheet(["estimator", "alone breaks first", "as believed", "box", "median"], rows, caption, left=2)
+    return Sheet(["estimator", "alone breaks first", f"as {design.nominal_is}", "box", "median"], rows, caption, left=2)
 
 
 def _box(design: Design, t: int, borne: dict[tuple[int, int], Tolerance]) -> Sheet:
@@ -216,4 +216,4 @@ def _box(design: Design, t: int, borne: dict[tuple[int, int], Tolerance]) -> She
         f"The box that {design.estimators[best]} tolerates for {design.targets[t].words}, and what it tolerates of "
         "each factor alone."
     )
-    return Sheet(["factor", "believed", "all at once", "alone"], rows, caption)
+    return Sheet(["factor", design.nominal_is, "all at once", "alone"], rows, caption)
