@@ -43,6 +43,9 @@ WRITES: dict[str, dict[str, str]] = {
 }
 """Files by kind, behind it the form of an estimator, each with the template that it is made from."""
 
+FOREIGN = ("estimator python", "estimator library")
+"""Entries that run in processes of their own, so that they may lie outside of a project."""
+
 ROLES = {"vehicle": "vehicles", "effect": "effects", "estimator": "estimators", "tyre": "tyres"}
 
 NEXT = {
@@ -71,7 +74,8 @@ def new(
         typer.Option(
             "--out",
             "-o",
-            help="Map to write; channels/<name of the recording>.toml, or <name of the FMU>.toml, if absent.",
+            help="Map to write; channels/<name of the recording>.toml, or <name of the FMU>.toml, if absent. Of an "
+            "estimator in Python or C the folder, which need be in no project.",
         ),
     ] = None,
     model: Annotated[str | None, typer.Option("--model", "-m", help="For parameters: the vehicle they are of.")] = None,
@@ -94,8 +98,11 @@ def new(
     """
     console = Console()
     entry = kind if form == "kernels" else f"{kind} {form}"
-    if out is not None and kind not in ("channels", "plant"):
-        raise UserError("--out is for channels and plants; other files have their place in the project folder")
+    if out is not None and kind not in ("channels", "plant") and entry not in FOREIGN:
+        raise UserError(
+            "--out is for channels, plants, and estimators of --kind python and library; other files have their place "
+            "in the project folder"
+        )
     if form != "kernels" and kind != "estimator":
         raise UserError("--kind is for estimators")
     if kind != "parameters" and (model or parameters or tyre):
@@ -111,14 +118,19 @@ def new(
         called, written = _parameters(name, ModelOptions(model or "", parameters, tyre))
     else:
         called = name
-        written = write_new(entry, name)
+        written = write_new(entry, name, out)
     for path in written:
         console.print(Text(locations.shown(path)), soft_wrap=True)
     console.print(Text(f"next: {NEXT[entry].format(name=called, given=name)}"), style="bold", soft_wrap=True)
 
 
-def write_new(entry: str, name: str) -> list[Path]:
+def write_new(entry: str, name: str, out: Path | None = None) -> list[Path]:
     """Write the files of an entry of ``WRITES``; return their paths.
+
+    Args:
+        entry: The entry.
+        name: Of what is made.
+        out: Folder for one of ``FOREIGN``, in place of that of the studies of the project.
 
     Raises:
         UserError: If the name does not do or is taken, there is no project, or a file is there already.
@@ -130,9 +142,11 @@ def write_new(entry: str, name: str) -> list[Path]:
         if not called.replace("-", "").replace("_", "").replace(".", "").isalnum():
             raise UserError(f"new project: '{called}' does not do as a name; write letters, digits, - and _")
     else:
-        root, called = _project(kind), name
+        root, called = _project(kind, entry) if out is None else out, name
         _refuse_name(kind, name)
     texts = {path.format(name=called): _filled(template, called) for path, template in WRITES[entry].items()}
+    if out is not None:
+        texts = {Path(path).name: text for path, text in texts.items()}
     if kind == "project":
         texts["studies/first.toml"] = _filled("study.toml", "first")
     refuse_links(root, texts)
@@ -144,18 +158,21 @@ def write_new(entry: str, name: str) -> list[Path]:
     written = []
     if form == "library":
         header = resources.files("harness.external").joinpath("estimators", "harness_estimator.h")
-        texts[f"studies/{header.name}"] = header.read_text(encoding="utf-8")  # the same for all
+        texts[str(Path(next(iter(texts))).with_name(header.name))] = header.read_text(
+            encoding="utf-8"
+        )  # the same for all
     for path, text in texts.items():
         written += write_files((root / path).parent, {Path(path).name: text})
     return written
 
 
-def _project(kind: str) -> Path:
+def _project(kind: str, entry: str) -> Path:
     root = locations.project()
     if root is None:
+        otherwise = ", or say a folder by --out" if entry in FOREIGN else ""
         raise UserError(
             f"new {kind}: there is no {locations.MARK} here or above; make a project first: harness new project NAME, "
-            "then work in its folder"
+            f"then work in its folder{otherwise}"
         )
     return root
 

@@ -97,6 +97,17 @@ def test_estimators_that_run_in_processes_of_their_own_work_as_they_are(run, lab
     assert (result[STATUS] == OK).all()
 
 
+def test_an_estimator_of_its_own_process_needs_no_project(run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run("new", "estimator", "mine", "--kind", "library", "--out", "c")[0] == 0
+    assert sorted(p.name for p in (tmp_path / "c").iterdir()) == ["harness_estimator.h", "mine.c"]
+    assert run("new", "estimator", "mine", "--kind", "python", "--out", "c")[0] == 0
+    assert (tmp_path / "c" / "mine.py").is_file()
+    assert run("new", "estimator", "mine", "--out", "c")[0] == 2
+    status, said = run("new", "estimator", "mine", "--kind", "python")
+    assert (status, "--out" in said) == (2, True)
+
+
 def test_forms_are_of_estimators(run, lab):
     assert run("new", "vehicle", "mine", "--kind", "python")[0] == 2
 
