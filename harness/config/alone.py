@@ -19,11 +19,12 @@ from harness.config.schema import (
     EstimatorTable,
     FactorTable,
     HistoryTable,
+    ModelTable,
     Quantity,
     ReportTable,
     StudyFile,
 )
-from harness.config.specs import CountFrom, DesignSpec, Side, StudySpec
+from harness.config.specs import CountFrom, DesignSpec, ModelSpec, Side, StudySpec
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,7 @@ def alone(
     said = "; ".join(f"{c.parameter} of the {c.of} {c.value}" for c in changes)
     update: dict[str, Any] = {
         "title": f"{study.title or study.name} (one run on {drive}{f', but {said}' if said else ''})",
+        "plant": _plant_with_whole_paths(raw.plant, study.plant),
         "drives": [],
         "drive": [DriveTable(name=spec.name, kind=spec.kind, **whole_paths(spec.options, spec.base))],
         "estimator": [_with_whole_paths(t, study) for t in raw.estimator],
@@ -94,6 +96,17 @@ def _changed(factors: Mapping[tuple[str, Side], float], changes: Sequence[Change
             factors_now[name, "belief" if side == "plant" else "plant"] = factors_now.pop((name, "both"))
         factors_now[name, side] = change.value
     return factors_now
+
+
+def _plant_with_whole_paths(table: ModelTable | None, plant: ModelSpec) -> ModelTable | None:
+    """Return a plant whose FMU and map are found from any folder."""
+    folders = () if plant.external is None else plant.external.folders
+    whole = {
+        name: next((str((f / value).resolve()) for f in folders if (f / value).is_file()), value)
+        for name in ("fmu", "map")
+        if table is not None and (value := getattr(table, name)) is not None
+    }
+    return table.model_copy(update=whole) if table is not None and whole else table
 
 
 def _with_whole_paths(table: EstimatorTable, study: StudySpec) -> EstimatorTable:

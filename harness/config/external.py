@@ -153,7 +153,7 @@ def plant_alone(content: Mapping[str, Any], recorded: Collection[str], step: flo
 def _description(raw: ModelTable, folder: Path, problems: Problems) -> Description:
     """Return what is known of the plant: from its file, or where a store says it, from there."""
     if raw.described is not None:
-        return Description.of(raw.described)
+        return replace(Description.of(raw.described), file=raw.fmu or raw.python or "")
     if raw.python is not None:
         return python_plant.described(raw.python, (folder, Path()), problems.at("plant.python"))
     from harness.external.fmu import read  # with its extra packages, for an FMU only

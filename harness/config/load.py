@@ -398,6 +398,17 @@ def _hash(study: StudySpec) -> str:
     return hashlib.sha256(canonical.encode()).hexdigest()
 
 
+def file_digests(study: StudySpec) -> dict[str, str]:
+    """Return the SHA-256 of the files that drives and estimators of a study name, by where they are named."""
+    named = [(f"drive '{d.name}'", d.options, d.base) for d in study.drives]
+    named += [(f"estimator '{e.name}'", e.settings, e.base) for e in study.estimators]
+    return {
+        f"{what}, {key}": digest
+        for what, options, base in named
+        for key, digest in _file_digests(options, base).items()
+    }
+
+
 def _file_digests(options: dict[str, Any], base: Path) -> dict[str, str]:
     """Return the digest of every file an option or setting names: another recording is another study."""
     return {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in named_files(options, base).items()}

@@ -19,6 +19,7 @@ from harness.common import stores
 from harness.config import DesignSpec, ModelSpec, StudySpec
 from harness.config.bounds import loading_parameters
 from harness.config.factors import is_believed
+from harness.config.load import file_digests
 from harness.config.self_contained import self_contained
 from harness.external.description import Description
 from harness.models.signals import SIGNALS
@@ -206,6 +207,7 @@ def root_attributes(study: StudySpec) -> dict[str, Any]:
         **({"score_after": study.score_after} if study.score_after else {}),
         "designs": json.dumps([d.name for d in study.designs]),
         "description": json.dumps(description, sort_keys=True),
+        **({"files": json.dumps(files)} if (files := file_digests(study)) else {}),
         **code_state(study),
         "commit": commit(),
         "machine": f"{platform.system()} {platform.machine()}, {processor()}",

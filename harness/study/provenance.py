@@ -117,7 +117,7 @@ def differences(stored: Mapping[str, Any], now: Mapping[str, Any], study: StudyS
     if stored.get("study_name") != study.name:
         return f"holds the result of study '{stored.get('study_name')}', not of '{study.name}'"
     if stored.get("study_hash") != study.hash:
-        return f"holds the result of another study called '{study.name}': {_of_texts(stored.get('study'), study.text)}"
+        return f"holds the result of another study called '{study.name}': {_of_studies(stored, now)}"
     causes = []
     if stored.get("versions") != now["versions"]:
         here, there = _decoded(now["versions"]), _decoded(stored.get("versions"))
@@ -128,12 +128,17 @@ def differences(stored: Mapping[str, Any], now: Mapping[str, Any], study: StudyS
     return f"was computed {' and '.join(causes)}" if causes else ""
 
 
-def _of_texts(there: Any, here: str) -> str:
+def _of_studies(stored: Mapping[str, Any], now: Mapping[str, Any]) -> str:
+    """Return what differs in the text of two studies, else in what their files say, else in the digests of files."""
     try:
-        changed = list(_of_values(parse_toml(str(there), "there"), parse_toml(here, "here")))
+        for name in ("study", "self_contained_study"):
+            there, here = (parse_toml(str(a.get(name, "")), where) for a, where in ((stored, "there"), (now, "here")))
+            if changed := list(_of_values(there, here)) if there or name == "study" else []:
+                return _listed(iter(changed))
     except UserError:
         return "its stored text cannot be read"
-    return _listed(iter(changed)) or (
+    files = [json.loads(attributes.get("files", "{}")) for attributes in (stored, now)]
+    return _listed(_of_values(*files)) or (
         "the texts agree, so that a file differs that it names: drives, parameters, tuning, a recording, an estimator "
         "or the plant"
     )

@@ -6,9 +6,13 @@ import numpy as np
 import pytest
 import sympy as sp
 
+from harness.common.files import parse_toml
 from harness.config import build_study
+from harness.config.alone import alone
+from harness.config.self_contained import self_contained
 from harness.engine.codegen.derivatives import derive
 from harness.models.signals import SIGNALS
+from harness.simulation.external_plant import ExternalPlant
 from harness.study.design import units
 from harness.study.evaluate import StudyEvaluator
 from harness.study.score_names import LOST, OK, STATUS
@@ -70,6 +74,17 @@ def foreign(folder, built_in, version=2, kind="cs", timeout="60 s", **hooks):
         + "\n[limits]\narticulation_angle = '90 deg'\n"
     )
     return build_study({**STUDY, "plant": plant, "belief": BELIEF}, folder / "study.toml")
+
+
+def test_a_run_alone_finds_the_fmu_and_its_map_from_any_folder(tmp_path, built_in):
+    study = foreign(tmp_path, built_in)
+    values = [f.levels[0] for f in study.designs[0].factors]
+    (tmp_path / "elsewhere").mkdir()
+    for content in (study.text, self_contained(study)):  # a store has the latter
+        own = build_study(parse_toml(content, "text"), tmp_path / "study.toml")
+        text = alone(own, own.designs[0], own.drives[0].name, values, own.count_from).text
+        again = build_study(parse_toml(text, "text"), tmp_path / "elsewhere" / "study.toml")
+        ExternalPlant(again.plant).close()
 
 
 @pytest.mark.parametrize(("version", "kind"), [(2, "cs"), (2, "me"), (3, "cs"), (3, "me")])

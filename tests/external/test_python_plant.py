@@ -13,6 +13,8 @@ from harness.common.files import toml_text
 from harness.config import build_study
 from harness.study.design import units
 from harness.study.evaluate import StudyEvaluator
+from harness.study.layout import root_attributes
+from harness.study.provenance import differences
 from harness.study.results import read
 from harness.study.score_names import LOST, OK, STATUS
 from harness.study.store import Store
@@ -212,6 +214,19 @@ def test_a_store_says_what_the_plant_is_without_its_file(tmp_path, plain):
     (tmp_path / "my_plant.py").write_text(PLANT + "# another\n")
     with pytest.raises(UserError, match="its content is another one"):
         StudyEvaluator(again)
+
+
+def test_another_file_of_the_plant_or_an_estimator_is_named(tmp_path):
+    (tmp_path / "mine.py").write_text("class Mine: pass\n")
+    estimators = ["ekf", {"name": "mine", "kind": "external", "python": "mine:Mine"}]
+    before = study(tmp_path, estimator=estimators)
+    was = root_attributes(before)
+    (tmp_path / "mine.py").write_text("class Mine: 'another'\n")
+    other = study(tmp_path, estimator=estimators)
+    assert "estimator 'mine', python" in differences(was, root_attributes(other), other)
+    was = root_attributes(other)
+    third = study(tmp_path, PLANT + "# another\n", estimator=estimators)
+    assert "plant.described.digests.my_plant.py" in differences(was, root_attributes(third), third)
 
 
 def test_a_store_says_which_factors_the_belief_knows_nothing_of(tmp_path):
