@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
+from collections.abc import Iterator
 
 
 class UserError(ValueError):
@@ -19,6 +21,17 @@ class WorkError(RuntimeError):
 
 class ModelError(ValueError):
     """A model, parameter or drive that cannot be built; the message says what, where and how to mend it."""
+
+
+@contextlib.contextmanager
+def placed(file: object, key: str) -> Iterator[None]:
+    """Put file and key in front of what is said of a request that cannot be carried out, where it lacks the file."""
+    try:
+        yield
+    except UserError as error:
+        if str(error).startswith(f"{file}: "):
+            raise
+        raise UserError(f"{file}: {key}: {error}") from error
 
 
 def closest(word: str, choices: list[str] | tuple[str, ...]) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.common.arrays import Floats
-from harness.common.errors import ModelError, UserError
+from harness.common.errors import ModelError, UserError, placed
 from harness.config import NOISE_SCALES, DesignSpec, ModelSpec, StudySpec
 from harness.config.bounds import loading, settled
 from harness.engine.compile import CompiledModel, compile_model
@@ -185,16 +185,24 @@ class CompiledStudy:
         self.watched = watched
         self.belief = _compile(study.belief, self.signals)
         self.truth_names = (*watched, *truth_names(study.belief))
-        self.simulator = simulator or plant_of(study.plant)
+        with placed(study.path, self.key_of_plant):
+            self.simulator = simulator or plant_of(study.plant)
         needed = dict.fromkeys([*study.targets, *exact], LARGEST)
         self.recorded = Signals(watched, needed | sliding)
         self.measured_rows = [list(self.simulator.ports.outputs).index(name) for name in belief_model.outputs]
         uncertain = bool(study.belief.input_noise)
         given = filters or {}
-        self.estimators: list[Filter] = [
-            given[e.name] if e.name in given else estimator_of(e.kind, self.belief, e.settings, e.base, uncertain)
-            for e in study.estimators
-        ]
+        self.estimators: list[Filter] = []
+        for i, e in enumerate(study.estimators):
+            with placed(study.path, f"estimator[{i}] '{e.name}'"):
+                made = estimator_of(e.kind, self.belief, e.settings, e.base, uncertain) if e.name not in given else None
+            self.estimators.append(given[e.name] if made is None else made)
+
+    @property
+    def key_of_plant(self) -> str:
+        """Key of a study that names its plant."""
+        external = self._study.plant.external
+        return "plant" if external is None else f"plant.{external.description.kind}"
 
     def _drive(self, study: StudySpec, index: int) -> DriveInputs:
         profile = profile_of(study.plant, study.drives[index])
@@ -204,11 +212,11 @@ class CompiledStudy:
                 f"'{study.drives[index].name}', which ends at {profile.time[-1]:g} s; score earlier or drive longer"
             )
         plant, belief = study.plant.model(), study.belief.model()
-        tables = (
-            input_table(profile, plant),
-            input_table(profile, belief, self.supplied),
-        )
-        return DriveInputs(profile, *(in_lanes(table) for table in tables))
+        with placed(study.path, f"{self.key_of_plant}: inputs"):
+            driven = input_table(profile, plant)
+        with placed(study.path, "belief"):
+            held = input_table(profile, belief, self.supplied)
+        return DriveInputs(profile, in_lanes(driven), in_lanes(held))
 
     @cached_property
     def plant(self) -> CompiledModel:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.common.arrays import Floats
-from harness.common.errors import UserError
+from harness.common.errors import UserError, placed
 from harness.config import StudySpec
 from harness.engine.simd.lanes import LANES
 from harness.engine.standard_normal import standard_normal
@@ -104,7 +104,8 @@ class StudyEvaluator:
             self.simulate(unit, case, samples=3)
             return
         stated = as_stated(self.study.plant, self.compiled.drives[unit.drive].profile)
-        lost = self.simulate(unit, case, samples=3, plant=stated).left_at[0] < 3
+        with placed(self.study.path, self.compiled.key_of_plant):
+            lost = self.simulate(unit, case, samples=3, plant=stated).left_at[0] < 3
         sentences = simulator.losses.taken()
         if lost:
             why = sentences[0] if sentences else "it publishes no finite numbers within its limits"

@@ -79,7 +79,7 @@ def evaluator(folder, **settings):
     ],
 )
 def test_what_cannot_be_loaded_is_an_error_in_one_line(folder, settings, words):
-    with pytest.raises(UserError, match=words) as raised:
+    with pytest.raises(UserError, match=rf"study.toml: estimator\[0\].*{words}") as raised:
         evaluator(folder, **settings)
     assert "\n" not in str(raised.value)
 

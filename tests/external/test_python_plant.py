@@ -229,6 +229,26 @@ def test_another_file_of_the_plant_or_an_estimator_is_named(tmp_path):
     assert "plant.described.digests.my_plant.py" in differences(was, root_attributes(third), third)
 
 
+ONCE = (
+    "import os, pathlib\nmark = pathlib.Path(__file__).with_name('mark')\nmark.exists() and os.abort()\nmark.touch()\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        (ONCE + PLANT, "plant.python: its process was ended by SIGABRT"),
+        (PLANT.replace('"speed": "km/h"}', '"speed": "km/h", "sideslip_angle": "rad"}'), "plant.python: inputs: "),
+    ],
+    ids=["ends when loaded", "an input that no drive has"],
+)
+def test_what_a_plant_does_when_it_is_loaded_is_said_with_file_and_key(tmp_path, source, words):
+    foreign = study(tmp_path, source)
+    with pytest.raises(UserError) as refused:
+        StudyEvaluator(foreign).warm_up(0)
+    assert str(refused.value).startswith(f"{foreign.path}: {words}")
+
+
 def test_a_store_says_which_factors_the_belief_knows_nothing_of(tmp_path):
     factors = {"mass": ["1.2 t", "1.6 t"], "front_stiffness": ["80 kN/rad", "90 kN/rad"]}
     designs = [{"name": n, "factor": [{"parameter": n, "levels": levels}]} for n, levels in factors.items()]
