@@ -21,7 +21,7 @@ from harness.config.bounds import loading_parameters
 from harness.config.factors import is_believed
 from harness.config.load import file_digests
 from harness.config.self_contained import self_contained
-from harness.external.description import Description
+from harness.external.description import Description, ExternalParameter, Port
 from harness.models.signals import SIGNALS
 from harness.study import checksums
 from harness.study.design import points, unit_counts, unit_shape
@@ -217,12 +217,23 @@ def root_attributes(study: StudySpec) -> dict[str, Any]:
 def _foreign(description: Description) -> dict[str, Any]:
     """Return what a report says of a plant of somebody else."""
     files = (f"{name}, SHA-256 {digest[:16]}" for name, digest in description.digests.items())
+    mapped: dict[str, dict[str, Port | ExternalParameter]] = {
+        "input": {p.signal: p for p in description.inputs},
+        "output": {p.signal: p for p in description.outputs},
+        "process noise": {p.signal: p for p in description.disturbances},
+        "parameter": {p.name: p for p in description.parameters if p.name != p.variable},
+    }
     return {
         "kind": {"fmu": "FMU", "python": "Python class"}[description.kind],
         **description.facts,
         "files": list(files),
         "process_noise_acts_on": [p.signal for p in description.disturbances] or "nothing: it has none",
         "units": {p.signal: p.unit for p in description.disturbances},
+        "map": [
+            [group, name, p.variable, p.unit, p.scale, p.offset]
+            for group, entries in mapped.items()
+            for name, p in entries.items()
+        ],
     }
 
 

@@ -15,6 +15,8 @@ from harness.study.design import units
 from harness.study.evaluate import StudyEvaluator
 from harness.study.layout import root_attributes
 from harness.study.provenance import differences
+from harness.study.report.analysis import Analysis
+from harness.study.report.sections import made
 from harness.study.results import read
 from harness.study.score_names import LOST, OK, STATUS
 from harness.study.store import Store
@@ -249,13 +251,16 @@ def test_what_a_plant_does_when_it_is_loaded_is_said_with_file_and_key(tmp_path,
     assert str(refused.value).startswith(f"{foreign.path}: {words}")
 
 
-def test_a_store_says_which_factors_the_belief_knows_nothing_of(tmp_path):
+def test_a_store_and_its_report_say_what_is_believed_and_what_the_signals_are(tmp_path):
     factors = {"mass": ["1.2 t", "1.6 t"], "front_stiffness": ["80 kN/rad", "90 kN/rad"]}
     designs = [{"name": n, "factor": [{"parameter": n, "levels": levels}]} for n, levels in factors.items()]
     foreign = study(tmp_path, design=designs)
     Store(foreign, lambda: StudyEvaluator(foreign), tmp_path / "out")
-    mass, stiffness = (d.factors[0].is_believed for d in read(tmp_path / "out").designs)
-    assert (mass, stiffness) == (True, False)
+    store = read(tmp_path / "out")
+    assert [d.factors[0].is_believed for d in store.designs] == [True, False]
+    blocks = made.blocks(Analysis(store))
+    (sheet,) = (b for b in blocks if "variable of the plant" in getattr(b, "header", ()))
+    assert ["output", "yaw rate", "yaw_rate", "rad/s", "0.0174532925", "0"] in sheet.rows
 
 
 def test_a_whole_drive_at_once_is_the_same_as_step_by_step(tmp_path, plain):

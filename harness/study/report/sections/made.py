@@ -42,6 +42,7 @@ def blocks(analysis: Analysis) -> list[Block]:
     content: list[Block] = [
         Sheet(["item", "value"], _facts(store), "Configuration of the study and of the run.", left=2),
         *_models(store),
+        *_map(store),
         *_noise(store),
         *_tuned(store),
         Heading("Drives and targets", 2),
@@ -109,7 +110,7 @@ def _timing(run: dict[str, Any]) -> dict[str, Any]:
 
 
 _SIDES = ("plant", "belief")
-_UNSHOWN = ("foreign", "units")
+_UNSHOWN = ("foreign", "units", "map")
 _NOISES = {"process_noise": "process", "measurement_noise": "measurement", "input_noise": "input"}
 
 
@@ -143,6 +144,21 @@ def _models(store: StudyResults) -> list[Block]:
             " A vehicle beyond its largest values is out of control, an estimate beyond the belief's has diverged."
         )
     return [Sheet(["item", "plant", "belief"], rows, caption, left=3)]
+
+
+def _map(store: StudyResults) -> list[Block]:
+    """Return which variables of a plant of somebody else are which signals; nothing of another plant."""
+    entries = (_sides(store).get("plant", {}).get("foreign") or {}).get("map") or []
+    rows = [
+        [group, words(name), variable, print_unit(unit) or "1", f"{scale:.9g}", f"{offset:.9g}"]
+        for group, name, variable, unit, scale, offset in entries
+    ]
+    caption = (
+        "What the plant is given and publishes, and parameters that have another name in the study: the signal in the "
+        "unit named is the variable times the factor, plus the offset."
+    )
+    header = ["", "signal", "variable of the plant", "unit", "factor", "offset"]
+    return [Sheet(header, rows, caption, left=4)] if rows else []
 
 
 def _noise(store: StudyResults) -> list[Block]:
