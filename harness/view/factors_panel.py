@@ -342,7 +342,7 @@ def tolerance_box(design: Design, lower: Any, upper: Any, box: float) -> Any:
     plot.add_tools(looks.hover([drawn], ("", "@name"), ("below", "@left{0.00}"), ("above", "@right{0.00}")))
     for at in (-box, box):
         plot.add_layout(Span(location=at, dimension="height", line_color="#000000", line_dash="dashed", line_width=2))
-    plot.xaxis.axis_label = "share of the way from what is believed to the edge of the box"
+    plot.xaxis.axis_label = f"share of the way from what is {design.nominal_is} to the edge of the box"
     looks.names_inside(plot, names, plot.x_range.start)
     return plot
 
