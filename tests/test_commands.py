@@ -22,7 +22,6 @@ WORK = (
     "harness.identification.fit_recordings.Innovations", "harness.diagnosis.run.run_trace",
     "harness.diagnosis.measured_study.trace_study", "harness.simulation.simulate.simulate_drive",
     "harness.cli.observability_report.report", "harness.recorded.run.RecordedModel", "harness.view.pages.pages",
-    "harness.external.fmu.archive.opened",
 )  # fmt: skip
 """Where the work of commands begins."""
 

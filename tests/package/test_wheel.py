@@ -99,7 +99,9 @@ def test_sdist_and_wheel_hold_the_same_package(built):
         assert not any(member.issym() or member.islnk() for member in sdist)
         sources = {m.name.split("/", 1)[1] for m in sdist.getmembers() if m.isfile()}
         files = {name for name in wheel.namelist() if not name.split("/")[0].endswith(".dist-info")}
-    tracked = [p for p in (ROOT / "harness").rglob("*") if p.suffix in (".py", ".typ", ".css", ".js", ".html", ".npz")]
+    tracked = [
+        p for p in (ROOT / "harness").rglob("*") if p.suffix in (".py", ".typ", ".css", ".js", ".html", ".npz", ".h")
+    ]
     tracked += [ROOT / "harness" / p.relative_to(ROOT) for p in (ROOT / "models").rglob("*.py")]
     tracked += [ROOT / "harness" / "config" / p.relative_to(ROOT) for p in (ROOT / "studies").rglob("*.toml")]
     tracked += [
