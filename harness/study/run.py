@@ -221,8 +221,6 @@ def _run(
         write_files(out, {run_file.FILE: json.dumps(record, indent=1) + "\n"})
     assert store is not None
     if todo or not store.has_histories:
-        from harness.study.run import histories
-
         store.write_histories(histories(evaluator()))
     lock.check()
     store.consolidate()
