@@ -30,6 +30,13 @@ from harness.simulation.external_plant import ExternalPlant
 from harness.simulation.simulate import CompiledSimulator, first_state, in_lanes, input_table
 
 
+def signals_of(study: StudySpec) -> tuple[str, ...]:
+    """Return what the estimators tell of: targets first, then unknown inputs and what is drawn over time."""
+    drawn = [name for history in study.history for name in history.signals]
+    unknown = (*study.belief.unknown_inputs, *study.belief.estimated_parameters)
+    return tuple(dict.fromkeys([*study.targets, *unknown, *drawn]))  # scored first
+
+
 def truth_names(belief: ModelSpec) -> tuple[str, ...]:
     """Return what ``parameter_truth`` gives: states of parameters, then parameters and what follows from them."""
     model = belief.model()
@@ -172,9 +179,7 @@ class CompiledStudy:
     ) -> None:
         self._study = study
         belief_model, plant_model = study.belief.model(), study.plant.model()
-        drawn = [name for history in study.history for name in history.signals]
-        unknown = (*study.belief.unknown_inputs, *study.belief.estimated_parameters)
-        self.signals = tuple(dict.fromkeys([*study.targets, *unknown, *drawn]))  # scored first
+        self.signals = signals_of(study)
         published = {*plant_model.states, *plant_model.inputs, *plant_model.ports}
         self.supplied = supplied_inputs(plant_model, belief_model)
         states = (s for s in belief_model.states if s in published)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -199,7 +200,6 @@ class StoredRuns:
     Attributes:
         folder: The same.
         study: That the result is of.
-        replayer: What computes its runs.
 
     Raises:
         UserError: If there is no store, or what the study names is not what it was.
@@ -207,8 +207,16 @@ class StoredRuns:
 
     def __init__(self, folder: Path, beside: Path | None = None) -> None:
         self.folder, self.study = folder, study_of(folder, beside)
-        self.replayer = Replayer(self.study)
         self._stored, self._now = attributes_of(folder), root_attributes(self.study)
+
+    @cached_property
+    def replayer(self) -> Replayer:
+        """What computes its runs; recordings, plants and estimators that it needs are looked for only now.
+
+        Raises:
+            UserError, ModelError: If one is not there, or not what it was.
+        """
+        return Replayer(self.study)
 
     def stored(self, run: Replayed) -> dict[str, np.ndarray]:
         """Return what the store has of a run, see ``stored_scores``."""

@@ -34,6 +34,7 @@ from harness.config.alone import Change
 from harness.models.quantities import print_unit, quantity, words
 from harness.reporting import style
 from harness.reporting.style import Look
+from harness.study.compiled_study import signals_of
 from harness.study.motion import published
 from harness.study.replay import Place, Replayed
 from harness.study.replayed import table
@@ -168,10 +169,10 @@ class RunPanel:
         self._stored_scores: dict[str, np.ndarray] = {}
         study = runs.study
         self._names = [e.name for e in study.estimators]
-        compiled = runs.replayer.evaluator.compiled
-        states = [s for s in compiled.belief.model.states if s not in compiled.belief.model.within]
-        self._beyond = [s for s in published(study.plant.model()) if s not in {*compiled.signals, *states}]
-        signals = list(dict.fromkeys([*compiled.signals, *states, *self._beyond]))
+        belief, estimated = study.belief.model(), signals_of(study)
+        states = [s for s in belief.states if s not in belief.within]
+        self._beyond = [s for s in published(study.plant.model()) if s not in {*estimated, *states}]
+        signals = list(dict.fromkeys([*estimated, *states, *self._beyond]))
         factors = {f.parameter for d in study.designs for f in d.factors}
         self.roots: dict[str, Any] = {
             "chosen": _text(NO_RUN),

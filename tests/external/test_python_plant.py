@@ -15,9 +15,11 @@ from harness.study.design import units
 from harness.study.evaluate import StudyEvaluator
 from harness.study.layout import root_attributes
 from harness.study.provenance import differences
+from harness.study.replay import Place
 from harness.study.report.analysis import Analysis
 from harness.study.report.sections import made
 from harness.study.results import read
+from harness.study.run import run_study
 from harness.study.score_names import LOST, OK, STATUS
 from harness.study.store import Store
 from support.single_track import PLANT, STUDY
@@ -325,3 +327,16 @@ def test_the_command_and_the_report_say_which_runs_were_lost_and_the_next_run_tr
     assert "code lost" not in report
     assert words not in report
     assert "lost" not in harness("status", "res").stdout
+
+
+def test_the_page_of_a_result_is_there_without_the_plant_and_a_click_says_what_is_missing(tmp_path, plain, monkeypatch):
+    pytest.importorskip("bokeh")
+    from harness.view.run_panel import Runs
+    from harness.view.study_page import build
+
+    monkeypatch.chdir(tmp_path)
+    run_study(plain, tmp_path / "res", jobs=1)
+    (tmp_path / "my_plant.py").unlink()
+    build(tmp_path / "res")
+    with pytest.raises(UserError, match=r"'my_plant:Plant' is needed, and my_plant\.py is not in"):
+        Runs(tmp_path / "res").compute(Place(0, 0, 0))
