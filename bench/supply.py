@@ -10,6 +10,7 @@ warns of.
 from __future__ import annotations
 
 import base64
+import contextlib
 import hashlib
 import importlib.metadata as metadata
 import json
@@ -64,17 +65,24 @@ def licence(about: metadata.PackageMetadata) -> str:
     """Return the licence of a package as an SPDX expression; ``unknown`` if nothing says it.
 
     Args:
-        about: Its metadata: the expression, else what the classifiers or the free text spell.
+        about: Its metadata: the expression, else what the classifiers, the free text or the head of the licence spell.
     """
     if expression := about.get("License-Expression"):
         return str(expression)
     spelled = [c for c in about.get_all("Classifier") or [] if c.startswith("License ::")]
     first = str(about.get("License") or "").strip().partition("\n")[0]
-    for text in (first, *spelled):  # the text may say which BSD licence it is, where the classifier does not
+    for text in (first, *spelled, *_heads(about)):  # a text may say which BSD licence it is
         for pattern, name in _SPELLED:
             if re.search(pattern, text):
                 return name
     return "unknown"
+
+
+def _heads(about: metadata.PackageMetadata) -> Iterator[str]:
+    """Yield the beginnings of the licence files of an installed package."""
+    for file in about.get_all("License-File") or []:
+        with contextlib.suppress(metadata.PackageNotFoundError):
+            yield (metadata.distribution(about["Name"]).read_text(f"licenses/{file}") or "")[:200]
 
 
 def is_allowed(expression: str) -> bool:
