@@ -12,9 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic
 
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
@@ -26,34 +23,16 @@ HEADER = Path(__file__).with_name("harness_estimator.h")
 SIZES = ("inputs", "measurements", "estimates", "values", "state_bytes")
 FUNCTIONS = ("harness_sizes", "harness_reset", "harness_step")
 
-_POINTER, _DOUBLE, _INT = ir.IntType(8).as_pointer(), ir.DoubleType(), ir.IntType(32)
-
 
 class _Sizes(ctypes.Structure):
     _fields_ = [(name, ctypes.c_int) for name in SIZES]
-
-
-@intrinsic
-def call_step(
-    typingctx: Any, function: Any, state: Any, u: Any, y: Any, dt: Any, estimates: Any, variances: Any, nis: Any
-) -> Any:
-    """Call ``harness_step`` by its address, all pointers being addresses as well; return its status."""
-
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        address, *given = args
-        declared = ir.FunctionType(_INT, [_DOUBLE if i == 3 else _POINTER for i in range(7)])
-        pointers = [each if i == 3 else builder.inttoptr(each, _POINTER) for i, each in enumerate(given)]
-        return builder.call(builder.inttoptr(address, declared.as_pointer()), pointers)
-
-    whole = types.int64
-    return types.int32(whole, whole, whole, whole, types.float64, whole, whole, whole), generate
 
 
 _LOOP = '''"""Loop over time of an estimator in C."""
 import numpy as np
 from numba import njit
 from harness.engine.clock import nanoseconds
-from harness.external.estimators.library import call_step
+from harness.external.calls import call
 
 
 @njit(nogil=True, cache=True)
@@ -64,7 +43,7 @@ def run(function, state, inputs, measurements, step, estimates, variances, nis):
     nu, ny, nx = 8 * inputs.shape[1], 8 * measurements.shape[1], 8 * estimates.shape[1]
     for k in range(inputs.shape[0]):
         dt = 0.0 if k == 0 else step
-        status = call_step(function, state, u + k * nu, y + k * ny, dt, x + k * nx, v + k * nx, d + 8 * k)
+        status = call(function, (state, u + k * nu, y + k * ny, dt, x + k * nx, v + k * nx, d + 8 * k))
         if status != 0:
             return k, status
     return inputs.shape[0], 0
@@ -79,7 +58,7 @@ def timed(function, state, inputs, measurements, step, estimates, variances, nis
     for k in range(inputs.shape[0]):
         dt = 0.0 if begins and k == 0 else step
         ticks[k, 0] = nanoseconds()
-        call_step(function, state, u + k * nu, y + k * ny, dt, x, v, d)
+        call(function, (state, u + k * nu, y + k * ny, dt, x, v, d))
         ticks[k, 1] = nanoseconds()
 '''
 

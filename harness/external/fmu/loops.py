@@ -22,7 +22,7 @@ from __future__ import annotations
 import numpy as np
 
 from harness.engine.simd.memory import borrowed
-from harness.external.fmu.calls import call
+from harness.external.calls import call
 
 SET, GET, SET_BOOLEAN, DO_STEP, SET_TIME, SET_STATES, GET_STATES = 0, 1, 2, 3, 4, 5, 6
 DERIVATIVES, INDICATORS, COMPLETED, ENTER_EVENTS, NEW_DISCRETE, ENTER_TIME = 7, 8, 9, 10, 11, 12
