@@ -8,6 +8,7 @@ estimates in the state, by default all. Variances and NIS come with them.
 from __future__ import annotations
 
 import inspect
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from datetime import datetime, timedelta
 from typing import Any
@@ -19,7 +20,7 @@ from harness.common.errors import UserError
 from harness.external.references import imported
 
 
-class _Adapter:
+class _Adapter(ABC):
     """What adapters have in common.
 
     Args:
@@ -52,18 +53,21 @@ class _Adapter:
         mean, covariance = self._state()
         return np.ravel(mean)[self._states], np.diagonal(covariance)[self._states], nis
 
+    @abstractmethod
     def _begin(self, made: Any) -> None:
-        raise NotImplementedError
+        """Begin a run with what the function returned."""
 
+    @abstractmethod
     def _predict(self, inputs: Floats, dt: float) -> None:
-        raise NotImplementedError
+        """Predict over the time since the sample before, with its inputs."""
 
+    @abstractmethod
     def _update(self, measurements: Floats, inputs: Floats, seen: Any) -> tuple[Floats, Floats]:
-        """Return innovation and its covariance."""
-        raise NotImplementedError
+        """Correct with the measurements that are ``seen``; return innovation and its covariance."""
 
+    @abstractmethod
     def _state(self) -> tuple[Floats, Floats]:
-        raise NotImplementedError
+        """Return mean and covariance of the state."""
 
 
 class FilterPy(_Adapter):
