@@ -52,10 +52,12 @@ class Worker:
         start_timeout: Seconds until it must be there.
 
     Raises:
-        UserError: If the body cannot be made: what it said, or how its process ended.
+        UserError: If the body cannot be made: what it said, or how its process ended; or on Windows.
     """
 
     def __init__(self, loader: Mapping[str, Any], start_timeout: float = START_TIMEOUT) -> None:
+        if os.name != "posix":
+            raise UserError("plants and estimators of other people run on Linux and macOS alone")
         ours, theirs = socket.socketpair()
         self._held: int | None
         watched, self._held = os.pipe()  # closed with this process, however it ends
