@@ -168,8 +168,7 @@ def _run(
     lock: Lock,
     restart: bool,
 ) -> None:
-    started = datetime.now(UTC)
-    begin = time.perf_counter()
+    started, begin = datetime.now(UTC), time.perf_counter()
 
     @cache
     def evaluator() -> StudyEvaluator:

@@ -119,7 +119,7 @@ def test_a_pipe_is_not_waited_for(tmp_path):
 
 @pytest.mark.parametrize("folder", ["results/a", "/tmp/a:/b", "C:/results", "s3"])
 def test_a_folder_is_no_url(folder):
-    refuse_url(Path(folder))
+    assert refuse_url(Path(folder)) is None
 
 
 def test_a_page_keeps_what_is_around_the_marks():

@@ -1,6 +1,7 @@
 """Studies of a plant that is an FMU: scores of the built-in plant, faults that lose their run only."""
 
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -84,6 +85,7 @@ def test_a_run_alone_finds_the_fmu_and_its_map_from_any_folder(tmp_path, built_i
         own = build_study(parse_toml(content, "text"), tmp_path / "study.toml")
         text = alone(own, own.designs[0], own.drives[0].name, values, own.count_from).text
         again = build_study(parse_toml(text, "text"), tmp_path / "elsewhere" / "study.toml")
+        assert Path(again.plant.external.description.file) == tmp_path / "truck_2_cs.fmu"
         ExternalPlant(again.plant).close()
 
 
