@@ -262,6 +262,7 @@ _ROWS += [  # states and inputs of effects
     Signal("speed_delayed", r"v_\tau", "m/s", "m/s", "vehicle", "first state of the delayed speed"),
     Signal("speed_delayed_rate", r"\dot v_\tau", "m/s", "m/s", "vehicle", "second state of the same"),
     Signal("steering_followed", r"\delta_b", "rad", "deg", "vehicle", "centre of the play of the steering"),
+    Signal("steering_yield", r"\delta_c", "rad", "deg", "vehicle", "angle by which the steering yields to its force"),
     Signal("steering_force", "F_c", "N", "kN", "vehicle", "lateral force behind the lag of the steering's compliance"),
     Signal("lateral_force_steered_axle", r"F_\delta", "N", "kN", "vehicle", "lateral force of the steered axle"),
     Signal("drive_speed", "v_d", "m/s", "m/s", "vehicle", "speed behind the lag of drive and brake forces"),

@@ -112,7 +112,7 @@ def check_dimensions(model: StateSpaceModel) -> int:
     """
 
     def signal(name: str) -> UnitsContainer:
-        return dimension_of(SIGNALS[name.removeprefix("sensor_")].unit)
+        return dimension_of(SIGNALS[name.removeprefix("sensor_").partition("_before_")[0]].unit)
 
     units = {p.name: dimension_of(p.unit) for p in model.parameters}
     units |= {name: signal(name) for name in (*model.states, *model.inputs, *model.ports, "time")}

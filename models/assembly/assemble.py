@@ -16,6 +16,7 @@ import sympy as sp
 
 from harness.common import components, registry
 from harness.common.errors import ModelError
+from harness.models.assembly.algebraic_loops import solve_loops
 from harness.models.assembly.contexts import EffectContext, TyreContext
 from harness.models.assembly.expressions import any_of, present
 from harness.models.assembly.model import Body, StateSpaceModel, symbol
@@ -68,6 +69,7 @@ class Builder:
         self._derivatives: dict[str, sp.Expr] = {}
         self._next_values: dict[str, sp.Expr] = {}
         self._reads: list[tuple[str, str]] = []
+        self._loops: list[str] = []
         for name, effect in self.effects.items():
             if not place_of(effect):
                 self._enter_place(name, "")
@@ -110,6 +112,11 @@ class Builder:
         """State the derivative of an effect's state; sites that share the state may state the same again."""
         if self._derivatives.get(name) != sp.sympify(expr):
             self.derivative(name, expr)
+
+    def own_loop(self, name: str, expr: sp.Expr) -> sp.Symbol:
+        """Publish a quantity of an effect whose definition may lead back to it."""
+        self._loops.append(name)
+        return self.port(name, expr)
 
     def add_input(self, name: str, otherwise: float | None = None) -> sp.Symbol:
         """Add an input that an effect needs, or return it if the model has it already."""
@@ -272,6 +279,7 @@ class Builder:
                     f"{owner} reads '{name}', which nothing provides{registry.closest(name, sorted(readable))}"
                 )
         self._check_symbols(readable)
+        self.ports = solve_loops(self.ports, self._loops)
         reads_time = any(symbol("time") in e.free_symbols for e in [*self.ports.values(), *equations.values()])
         tyre_name = "" if self.tyre_file is None else "+" + components.name_of(self.tyre_file)
         return StateSpaceModel(

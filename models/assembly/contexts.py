@@ -48,6 +48,9 @@ class PartialModel(Protocol):
     def own_derivative(self, name: str, expr: sp.Expr) -> None:
         """State the derivative of an effect's state."""
 
+    def own_loop(self, name: str, expr: sp.Expr) -> sp.Symbol:
+        """Publish a quantity of an effect whose definition may lead back to it."""
+
 
 class _Reader:
     """What every part of a model may do: read signals and parameters by name."""
@@ -191,6 +194,15 @@ class EffectContext(_Reader):
         if self._flag is not None and not shared:  # what places share must not depend on one of them
             expr = present(self._flag, sp.sympify(expr), sp.Integer(0))
         self._builder.own_derivative(name, expr)
+
+    def solved(self, stem: str, expr: sp.Expr) -> sp.Symbol:
+        """Return a quantity of the site's place that is defined by an expression which may depend on it.
+
+        Args:
+            stem: Its name, a signal; the place's is appended.
+            expr: Reads the quantity through the ports that this effect changes by it (``algebraic_loops``).
+        """
+        return self._builder.own_loop(stem + self.site.suffix, expr)
 
     def _state_name(self, stem: str, shared: bool) -> str:
         return stem if shared else stem + self.site.suffix

@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from support.effects import VALUES, built, look, point, values
+from harness.common.errors import ModelError
+from harness.models.assembly.algebraic_loops import solve_loops
+from harness.models.assembly.model import symbol
+from support.effects import VALUES, G, built, look, point, values
 from support.numeric import euler, evaluator, jacobian
 
 
@@ -93,8 +96,68 @@ def test_compliant_steering_yields_to_the_force_and_lessens_the_turn():
         x = euler(evaluator(model, numbers), point(model)[0], np.tile(u, (1500, 1)), 0.005)[-1]
         force, angle = evaluator(model, numbers, ("lateral_force_steered_axle", "road_wheel_angle"))(x, u)
         turn[compliance] = x[model.states.index("yaw_rate")]
-        assert angle == pytest.approx(0.5 / VALUES["car"]["steering_ratio"] - compliance * force, rel=1e-3)
+        assert angle == pytest.approx(0.5 / VALUES["car"]["steering_ratio"] - compliance * force, rel=1e-9)
     assert 0 < turn[2e-6] < turn[0.0]
+
+
+@pytest.mark.parametrize("angle", [-0.2, -0.03, 0.0, 0.01, 0.06, 0.12, 0.3])
+@pytest.mark.parametrize("compliance", [1e-6, 6e-6])
+def test_angle_and_force_of_a_compliant_steering_agree_at_every_slip(compliance, angle):
+    """With the root that bisection finds; the Magic Formula is written out here."""
+    v = VALUES["car"]
+    l_f, l_r = v["cog_to_front_axle"], v["cog_to_rear_axle"]
+    load = v["mass"] * G * l_r / (l_f + l_r)
+    stiffness = v["stiffness_peak_front"] * np.sin(2 * np.arctan(load / v["stiffness_load_front"]))
+    limit, shape = v["friction"] * load, v["shape_factor_front"]
+
+    def force(slip: float) -> float:
+        return limit * np.sin(shape * np.arctan(stiffness / (shape * limit) * np.tan(slip)))
+
+    drift = np.arctan((0.3 + l_f * 0.2) / 20.0)
+    low, high = -1.0, 1.0
+    for _ in range(100):
+        middle = (low + high) / 2
+        low, high = (middle, high) if middle + compliance * force(middle - drift) < angle else (low, middle)
+    at = {"lateral_velocity": 0.3, "yaw_rate": 0.2, "steering_wheel_angle": angle * v["steering_ratio"]}
+    found = look(
+        "car",
+        ("steering_compliance",),
+        ("road_wheel_angle", "lateral_force_steered_axle"),
+        {"steering_compliance": compliance},
+        **at,
+    )
+    assert found == pytest.approx([middle, force(middle - drift)], rel=2e-5, abs=1e-9)
+
+
+def test_a_vehicle_whose_tyre_forces_are_states_yields_without_a_loop():
+    found = look(
+        "semitrailer",
+        ("steering_compliance",),
+        ("road_wheel_angle",),
+        {"steering_compliance": 1e-6},
+        lateral_force_axle_11=2e4,
+    )
+    assert found == pytest.approx([-0.02])
+
+
+def test_loops_that_depend_on_each_other_are_refused():
+    ports = {name: symbol("k") * symbol(other) for name, other in (("a", "b"), ("b", "a"))}
+    with pytest.raises(ModelError, match="'a' and 'b' depend on each other"):
+        solve_loops(ports, ("a", "b"))
+
+
+def test_a_steering_that_yields_late_ends_where_one_that_yields_at_once_does():
+    late = built("car", ("steering_compliance_lag",), "linear")
+    own = {"lagged_compliance": 2e-6, "compliance_lag": 0.1}
+    _, u = point(late, steering_wheel_angle=0.5)
+    run = euler(evaluator(late, values(late, "car", **own)), point(late)[0], np.tile(u, (1500, 1)), 0.005)
+    yaw_rate = late.states.index("yaw_rate")
+    once = built("car", ("steering_compliance",), "linear")
+    at_once = euler(
+        evaluator(once, values(once, "car", steering_compliance=2e-6)), point(once)[0], np.tile(u, (1500, 1)), 0.005
+    )
+    assert run[-1, yaw_rate] == pytest.approx(at_once[-1, 1], rel=1e-6)
+    assert run[20, yaw_rate] > 1.05 * at_once[20, 1]
 
 
 def test_play_is_crossed_on_every_reversal_and_only_there():
