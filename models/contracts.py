@@ -9,7 +9,7 @@ folder          exports
 ``tyres``       ``PARAMETERS``, ``lateral_force(t)``
 ``effects``     ``PORT``, ``READS``, ``PARAMETERS``, ``STATES``, ``apply(e, value)``
 ``sensors``     ``OUTPUTS``
-``parameters``  ``VEHICLE``, ``VALUES``, ``PROCESS_NOISE``, ``MEASUREMENT_NOISE``, ``NOISE_STEP``; ``STD`` where known
+``parameters``  ``VEHICLE``, ``VALUES``, ``PROCESS_NOISE``, ``MEASUREMENT_NOISE``, ``NOISE_STEP``; ``STD``, ``TYRE``
 ``drives``      ``OPTIONS``, ``generate(options, context)``
 ==============  =========================================================================================
 

@@ -130,8 +130,26 @@ def read_text(path: Path) -> str:
     """Return the text of a file, without a byte-order mark.
 
     Raises:
-        UserError: If it is absent (with the closest names beside it), no plain file, larger than ``LARGEST_TEXT``, not
-            UTF-8, or cannot be read.
+        UserError: If ``read_content`` refuses the file, or it is not UTF-8.
+    """
+    try:
+        return with_unix_lines(read_content(path).decode("utf-8-sig"))
+    except UnicodeDecodeError as error:
+        what = wide_text(error.object) or f"not UTF-8 text (byte {error.start})"
+        raise UserError(f"{path}: is {what}; save the file as UTF-8") from None
+
+
+def with_unix_lines(text: str) -> str:
+    """Return a text whose lines end in a line feed alone."""
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def read_content(path: Path) -> bytes:
+    """Return the bytes of a small file.
+
+    Raises:
+        UserError: If it is absent (with the closest names beside it), no plain file, larger than ``LARGEST_TEXT``, or
+            cannot be read.
     """
     refuse_special(path)
     try:
@@ -139,13 +157,10 @@ def read_text(path: Path) -> str:
             content = file.read(LARGEST_TEXT + 1)
         if len(content) > LARGEST_TEXT:
             raise UserError(f"{path}: is larger than {LARGEST_TEXT / 2**20:g} MiB, which no text file of a study is")
-        return content.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+        return content
     except FileNotFoundError:
         names = sorted(p.name for p in path.parent.glob(f"*{path.suffix}")) if path.parent.is_dir() else []
         raise MissingFileError(f"{path}: there is no such file{closest(path.name, names)}") from None
-    except UnicodeDecodeError as error:
-        what = wide_text(error.object) or f"not UTF-8 text (byte {error.start})"
-        raise UserError(f"{path}: is {what}; save the file as UTF-8") from None
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {error.strerror}") from None
 

@@ -76,6 +76,7 @@ def published_set(name: str) -> ParameterSet:
         measurement=dict(module.MEASUREMENT_NOISE),
         noise_step=float(module.NOISE_STEP),
         source=f"models/parameters/{name}.py",
+        tyre=getattr(module, "TYRE", None),
         std=dict(getattr(module, "STD", {})),
     )
 

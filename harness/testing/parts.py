@@ -105,5 +105,7 @@ def random_point(built: StateSpaceModel, vehicle: str, rng: np.random.Generator)
     ranges = {"speed": (0.0, 40.0), "time": (0.0, 100.0), "speed_rate": (-8.0, 4.0)}
     for name in built.inputs:
         point[name] = rng.uniform(*ranges.get(name, (-1.0, 1.0)))
-    values = load("parameters", rng.choice(sets_of(vehicle))).VALUES
+    tables = [load("parameters", name).VALUES for name in sets_of(vehicle)]
+    most = max(len(table.keys() & built.parameter_names) for table in tables)  # not those for another tyre
+    values = rng.choice([table for table in tables if len(table.keys() & built.parameter_names) == most])
     return {**point, **{n: values[n] for n in built.parameter_names if n in values}}

@@ -74,9 +74,10 @@ def _check_slope(name: str, built: StateSpaceModel, table: Mapping[str, float], 
 
 
 def _check_capacity(name: str, built: StateSpaceModel, table: Mapping[str, float], load_: float) -> None:
+    on_dry = force(built, table, 0.0, load_, 1.0, [CAPACITY])[0]
     for friction in (0.2, 0.9):
         reached, limit = np.array([force(built, table, s, load_, friction, [FORCE, CAPACITY]) for s in SLIPS]).T
-        require(np.allclose(limit, friction * load_), f"{name}: its capacity is not friction times load")
+        require(np.allclose(limit, friction * on_dry), f"{name}: its capacity is not in proportion to the friction")
         require((np.abs(reached) <= limit * (1 + 1e-12)).all(), f"{name}: the force exceeds its capacity")
         require(reached.max() > 0.5 * limit[0], f"{name}: the force never comes near its capacity")
 
@@ -103,7 +104,8 @@ def rig() -> Any:
 
 def tables(tyre: str) -> list[dict[str, float]]:
     """Return the tyre's parameters of every axle group of every parameter set, renamed to the rig's axle."""
-    names = [p.name for p in load("tyres", tyre).PARAMETERS]
+    on_rig = assemble(rig(), tyre).parameter_names
+    names = [p.name for p in load("tyres", tyre).PARAMETERS if f"{p.name}_11" in on_rig]
 
     def found() -> Iterator[dict[str, float]]:
         for file in PARAMETERS.names():

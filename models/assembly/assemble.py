@@ -210,25 +210,45 @@ class Builder:
         self.flags[flag] = amplitudes
         return symbol(flag)
 
-    def tyre(self, axle: str, slip_angle: sp.Expr, vertical_load: sp.Expr, friction: sp.Expr) -> sp.Symbol:
-        """Publish slip angle and load of an axle and return its steady lateral force by the chosen tyre."""
+    def tyre(
+        self,
+        axle: str,
+        slip_angle: sp.Expr,
+        vertical_load: sp.Expr,
+        friction: sp.Expr,
+        inclination: sp.Expr = sp.S.Zero,
+    ) -> sp.Symbol:
+        """Publish slip angle and load of an axle and return its steady lateral force by the chosen tyre.
+
+        Args:
+            axle: Of ``AXLES``.
+            slip_angle: rad, positive when it makes a force to the left.
+            vertical_load: N.
+            friction: Of the road.
+            inclination: Camber in rad, positive when the wheels lean to the right.
+        """
         if self.tyre_file is None:
             raise ModelError(f"vehicle '{self.vehicle_name}' needs a tyre")
         group = self.vehicle.AXLES[axle]
-        if not any(name.endswith(f"_{group}") and name in self._tyre_names(group) for name in self.parameters):
-            for p in self.tyre_file.PARAMETERS:
-                self._declare(replace(p, name=f"{p.name}_{group}"), f"tyre of axle {axle}")
+        declared = [replace(p, name=f"{p.name}_{group}") for p in self.tyre_file.PARAMETERS]
+        first = not any(p.name in self.parameters for p in declared)
+        for p in declared if first else ():
+            self._declare(p, f"tyre of axle {axle}")
+        before = len(self.ports)
         quantities = {
             "slip_angle": self.port(f"slip_angle_axle_{axle}", slip_angle),
             "vertical_load": self.port(f"vertical_load_axle_{axle}", vertical_load),
             "friction": friction,
+            "inclination": inclination,
         }
         context = TyreContext(self, self.tyre_file.PARAMETERS, axle, group, quantities)
-        return self.port(f"steady_lateral_force_axle_{axle}", self.tyre_file.lateral_force(context))
-
-    def _tyre_names(self, group: str) -> set[str]:
-        assert self.tyre_file is not None
-        return {f"{p.name}_{group}" for p in self.tyre_file.PARAMETERS}
+        force = self.port(f"steady_lateral_force_axle_{axle}", self.tyre_file.lateral_force(context))
+        if first:  # a tyre on a vehicle without camber has no parameters of camber
+            read = set().union(*(expr.free_symbols for expr in list(self.ports.values())[before:]))
+            for p in declared:
+                if symbol(p.name) not in read:
+                    del self.parameters[p.name]
+        return force
 
     def derivative(self, state: str, expr: sp.Expr) -> None:
         """State the time derivative of a state."""

@@ -73,7 +73,7 @@ class _Reader:
 
 
 class TyreContext(_Reader):
-    """What a tyre sees of one axle: slip angle, load, friction, its parameters and its ports."""
+    """What a tyre sees of one axle: slip angle, load, friction, camber, its parameters and its ports."""
 
     def __init__(
         self,
@@ -88,6 +88,7 @@ class TyreContext(_Reader):
         self.slip_angle = quantities["slip_angle"]
         self.vertical_load = quantities["vertical_load"]
         self.friction = quantities["friction"]
+        self.inclination = quantities["inclination"]
 
     def port(self, kind: str, expr: sp.Expr) -> sp.Symbol:
         """Publish ``<kind>_axle_<axle>``, e.g. ``cornering_stiffness_axle_11``."""

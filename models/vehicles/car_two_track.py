@@ -168,7 +168,8 @@ def equations(v: Builder) -> None:
     for wheel, end in AXLES.items():
         sideways, steer = (v_y + a * r, delta) if end == "front" else (v_y - b * r, 0)
         slip = steer - sp.atan(sideways / rolling[wheel]) - lean * v.p(f"camber_per_roll_{end}")
-        steady = v.tyre(wheel, slip, load[wheel], mu) * left_over[end]
+        camber = v.p(f"camber_per_roll_{end}") * v.state("roll_angle")
+        steady = v.tyre(wheel, slip, load[wheel], mu, camber) * left_over[end]
         v.derivative(f"lateral_force_axle_{wheel}", rolling[wheel] / v.p("relaxation_length") * (steady - F[wheel]))
 
     resistance = v.p("rolling_resistance") * m * GRAVITY * sp.tanh(v_x / LOWEST_SPEED) + v.p("air_drag") * v_x * sp.Abs(
