@@ -81,6 +81,7 @@ def read_recording(
     *,
     step: float | str | None = None,
     name: str | None = None,
+    databases: Sequence[str] = (),
 ) -> xr.Dataset:
     """Read a measured drive, or bring one that is in memory onto one time base in SI units.
 
@@ -93,6 +94,7 @@ def read_recording(
             converted.
         step: Step of the common time base: s, or text with a unit; that of the channel map or of the clock by default.
         name: In reports; by default that of the file.
+        databases: What the frames of a bus log hold, each ``[BUS=]FILE``; those of the channel map by default.
 
     Returns:
         Dataset over ``time`` (s, equidistant from 0) with a variable per signal, ``(time,)``, NaN in gaps, with
@@ -118,7 +120,7 @@ def read_recording(
     if seconds is not None and seconds <= 0:
         raise UserError(f"step: {step!r} must be positive")
     mapped = channels if channels is None or isinstance(channels, Mapping) else Path(channels)
-    return load_recording(source, mapped, seconds, name)
+    return load_recording(source, mapped, seconds, name, databases)
 
 
 def recordings_of(given: Any, what: str) -> list[xr.Dataset]:
@@ -165,6 +167,7 @@ def check(
     channels: str | os.PathLike[str] | Mapping[str, Any] | None = None,
     *,
     parameters: str | None = None,
+    databases: Sequence[str] = (),
 ) -> Check:
     """Compare the signals of a recording with each other, explain what does not agree, and mend its map.
 
@@ -173,6 +176,7 @@ def check(
         channels: Channel map: path of a TOML file or its content as a mapping; none where columns are signals.
         parameters: Parameter set or parameter file; no line of the mended map is kept with which its model fits worse
             than without it. Of a car it gives the curves of the axles as well.
+        databases: What the frames of a bus log hold, each ``[BUS=]FILE``; those of the channel map by default.
 
     Returns:
         What was found.
@@ -200,7 +204,7 @@ def check(
 
     fit_error = None if parameters is None else NominalFit(parameters)
     mapped = channels if channels is None or isinstance(channels, Mapping) else Path(channels)
-    return Check(check_recording(source, mapped, parameters, fit_error))
+    return Check(check_recording(source, mapped, parameters, fit_error, databases))
 
 
 class Check(Shown):

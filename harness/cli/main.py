@@ -25,7 +25,7 @@ from rich.text import Text
 from harness.cli.guard import answered, guarded, place_of_output, show_tracebacks
 from harness.cli.models import observability, simulate
 from harness.cli.new import new
-from harness.cli.options import HERE, MOST, RESULTS, agree_to, place, study_path
+from harness.cli.options import HERE, MOST, RESULTS, DatabaseOption, agree_to, place, study_path
 from harness.cli.outputs import refuse_unfit
 from harness.cli.recordings import estimate, identify, loop, trace
 from harness.cli.studies import realtime, remedy, status, verify, view
@@ -330,6 +330,7 @@ def check(
         Path | None,
         typer.Option("--channels", "-c", help="Channel map; none for columns that are signals in SI units."),
     ] = None,
+    databases: DatabaseOption = None,
     parameters: Annotated[
         str | None,
         typer.Option(
@@ -351,7 +352,7 @@ def check(
 
     with showing(Console(stderr=True), "comparing") as show:
         fit_error = None if parameters is None else NominalFit(parameters, lambda text: show(f"trying the map: {text}"))
-        findings = check_recording(file, channels, parameters, fit_error)
+        findings = check_recording(file, channels, parameters, fit_error, databases or ())
     console = _wide_console()
     print_findings(findings, console)
     name = file.resolve().name.split(".")[0]

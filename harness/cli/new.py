@@ -11,7 +11,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from harness.cli.options import ModelOptions, ParametersOption, TyreOption
+from harness.cli.options import DatabaseOption, ModelOptions, ParametersOption, TyreOption
 from harness.common import locations
 from harness.common.errors import UserError
 from harness.common.files import write_files
@@ -81,6 +81,7 @@ def new(
     model: Annotated[str | None, typer.Option("--model", "-m", help="For parameters: the vehicle they are of.")] = None,
     parameters: ParametersOption = None,
     tyre: TyreOption = None,
+    databases: DatabaseOption = None,
     form: Annotated[
         Form,
         typer.Option(
@@ -107,8 +108,10 @@ def new(
         raise UserError("--kind is for estimators")
     if kind != "parameters" and (model or parameters or tyre):
         raise UserError("--model, --parameters and --tyre are for parameters")
+    if kind != "channels" and databases:
+        raise UserError("--database is for channels")
     if kind == "channels":
-        called, written = _channels(name, out, console)
+        called, written = _channels(name, databases or [], out, console)
     elif kind == "plant":
         from harness.cli.fmus import write_map
 
@@ -203,11 +206,10 @@ def _filled(template: str, name: str) -> str:
     return text.replace("@NAME@", name).replace("@TITLE@", words[:1].upper() + words[1:]).replace("@WORDS@", words)
 
 
-def _channels(given: str, out: Path | None, console: Console) -> tuple[str, list[Path]]:
+def _channels(given: str, databases: list[str], out: Path | None, console: Console) -> tuple[str, list[Path]]:
     """Propose a channel map of a recording, print what was guessed and why, and write it."""
     from harness.recordings.proposal.propose import propose
 
-    proposal = propose(Path(given))
     called = Path(given.rstrip("/")).name.partition(".")[0]
     if out is None:
         root = locations.project()
@@ -216,6 +218,7 @@ def _channels(given: str, out: Path | None, console: Console) -> tuple[str, list
             refuse_links(root, [f"{locations.CHANNELS.in_project}/{called}.toml"])
     if out.exists():
         raise UserError(f"{locations.shown(out)}: is there already, and nothing is written over; say another by --out")
+    proposal = propose(Path(given), databases, out.parent)
     for sentence in proposal.lines():
         console.print(Text(sentence), soft_wrap=True)
     in_project = locations.project() is not None and out.parent.name == locations.CHANNELS.in_project

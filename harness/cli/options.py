@@ -37,6 +37,14 @@ TyreOption = Annotated[
     str | None, typer.Option("--tyre", help="Tyre; that of the parameter file, or magic_formula where one is needed.")
 ]
 JobsOption = Annotated[int | None, typer.Option("--jobs", "-j", min=1, max=MOST, help="Threads; all cores if absent.")]
+DatabaseOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--database",
+        metavar="[BUS=]FILE",
+        help="What the frames of bus logs hold: DBC, ARXML, KCD or SYM; else as the map says; repeatable.",
+    ),
+]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of what draws random numbers.")]
 SignalOption = Annotated[
     list[str] | None,

@@ -13,6 +13,7 @@ import typer
 from harness.cli.options import (
     MOST,
     RESULTS,
+    DatabaseOption,
     JobsOption,
     MaybeModelOptions,
     ModelOptions,
@@ -65,6 +66,7 @@ class RecordedOptions:
     model: ModelOptions
     data: Annotated[list[Path], typer.Option("--data", "-d", help=f"Recording, or {RECORDING}")]
     channels: ChannelsOption = None
+    databases: DatabaseOption = None
     step: Annotated[
         str | None,
         typer.Option("--step", help='Sample time of the estimators: "20 ms"; that of the recording if absent.'),
@@ -118,9 +120,10 @@ class RecordedOptions:
                     f"--data {path}: no drive may use a bank estimated from itself; leave it out of --bank-map"
                 )
         step = None if self.step is None else quantity(self.step, "s", "--step")
-        read = [load_recording(path, self.channels, step) for path in self.data]
+        databases = self.databases or ()
+        read = [load_recording(path, self.channels, step, databases=databases) for path in self.data]
         if self.bank_map:
-            mapped = [load_recording(path, self.channels, step) for path in self.bank_map]
+            mapped = [load_recording(path, self.channels, step, databases=databases) for path in self.bank_map]
             read = with_bank(mapped, read)[len(mapped) :]
         return [r.assign_attrs(name=name) for r, name in zip(read, names_of(read), strict=True)]
 
@@ -175,8 +178,23 @@ class MeasuredOptions:
     test: TestOption = field(default_factory=list)
     out: OutOption = None
     channels: ChannelsOption = None
+    databases: DatabaseOption = None
     free: FreeOption = None
     jobs: JobsOption = None
+
+    def drives(self) -> tuple[list[xr.Dataset], list[xr.Dataset]]:
+        """Return the recordings to fit and those held out.
+
+        Raises:
+            UserError: If one cannot be read.
+        """
+        from harness.recordings import load_recording
+
+        fitted, held_out = (
+            [load_recording(path, self.channels, databases=self.databases or ()) for path in paths]
+            for paths in (self.train, self.test)
+        )
+        return fitted, held_out
 
     def of_file(self, command: str) -> tuple[MeasuredStudy, Path] | None:
         """Return the file of measured drives with the folder of its results; ``None`` without one.

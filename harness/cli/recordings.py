@@ -186,7 +186,6 @@ def identify(task: IdentifyOptions) -> None:
     """
     from harness.api.identification import identified_file, identified_plant
     from harness.api.identification import identify as identified
-    from harness.api.recordings import read_recording
 
     if (of_file := task.of_file("identify")) is not None:
         study, out = of_file
@@ -197,11 +196,12 @@ def identify(task: IdentifyOptions) -> None:
     elif task.plant:
         assert task.out is not None
         out = task.out
+        train, test = task.drives()
         fit = identified_plant(
             task.plant,
-            [read_recording(path, task.channels) for path in task.train],
+            train,
             listed(task.free or []),
-            test=[read_recording(path, task.channels) for path in task.test],
+            test=test,
             method=task.method or "least-squares",
             settings=pairs(task.settings, "--setting"),
             seed=task.seed,
@@ -210,11 +210,12 @@ def identify(task: IdentifyOptions) -> None:
     else:
         assert task.out is not None
         out, free = task.out, listed(task.free or [])
+        train, test = task.drives()
         fit = identified(
             model_of(task.model, integrator=task.integrator, substeps=task.substeps),
-            [read_recording(path, task.channels) for path in task.train],
+            train,
             free,
-            test=[read_recording(path, task.channels) for path in task.test],
+            test=test,
             method=task.method,
             settings=pairs(task.settings, "--setting"),
             seed=task.seed,
@@ -266,7 +267,6 @@ def trace(task: TraceOptions) -> None:
     files, and a report; of a file also loop.json, each held-out drive with the published, refitted and amended model.
     """
     from harness.api.diagnosis import Diagnosis
-    from harness.api.recordings import read_recording
 
     if (of_file := task.of_file("trace")) is not None:
         return _trace_file(*of_file, task.jobs)
@@ -274,7 +274,7 @@ def trace(task: TraceOptions) -> None:
     study = None if task.study is None else study_path(task.study)
     estimators = None if task.estimators is None else listed(task.estimators)
     diagnosis = Diagnosis(listed(task.free or []), estimators, study, task.repeats, task.jobs)
-    train, test = ([read_recording(path, task.channels) for path in paths] for paths in (task.train, task.test))
+    train, test = task.drives()
     diagnosis.fit(model_of(task.model), train, test, task.out)
     with showing(Console(stderr=True), "writing the report"):
         written = diagnosis.report(task.out, command())

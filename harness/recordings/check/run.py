@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from harness.recordings.check.examine import Examination, Finding, examine
 from harness.recordings.check.remedy import FitError, spoils
 from harness.recordings.motion.consistency import DISAGREES, DelayUnknown, verdicts
 from harness.recordings.motion.pair_fit import Agreement
-from harness.recordings.read.channel_map import ESTIMATE, load_map, map_content
+from harness.recordings.read.channel_map import ESTIMATE, load_map, located, map_content
 from harness.recordings.read.channels import plain_map
 from harness.recordings.read.in_memory import name_of, tables_of
 from harness.recordings.read.load import recording_of
@@ -115,6 +115,7 @@ def check_recording(
     channels: str | Path | Mapping[str, Any] | None = None,
     parameters: str | None = None,
     fit_error: FitError | None = None,
+    databases: Sequence[str] = (),
 ) -> CheckResult:
     """Read a recording and compare its signals with each other.
 
@@ -123,21 +124,25 @@ def check_recording(
         channels: Channel map, if its columns are no signals in SI units.
         parameters: Parameter set or parameter file of a car, for the curves of its axles.
         fit_error: Of the nominal model, by which each line of the mended map is tried.
+        databases: Of the messages of a bus log, each as ``[BUS=]FILE``; those of the channel map by default.
 
     Raises:
         UserError: If anything cannot be read.
         ModelError: If there is no such parameter set.
     """
-    span = None
+    path = span = content = None
     if isinstance(source, str | os.PathLike):
         path, own_map, span = named_parts(source)
-        tables, name, channels = readers.read_tables(path), str(path), own_map or channels
-    else:
-        tables, name = tables_of(source, channels is not None), name_of(source)
-    content = None
+        channels = own_map or channels
     if channels is not None:
-        load_map(channels)  # names the file in its messages
-        content = map_content(channels)
+        mapping = load_map(channels)  # names the file in its messages
+        stated = {"database": [located(each, Path()) for each in databases]} if databases else {}
+        content, databases = {**map_content(channels), **stated}, databases or mapping.databases
+    if path is not None:
+        tables, name = readers.read_tables(path, databases=databases), str(path)
+    else:
+        assert not isinstance(source, str | os.PathLike)
+        tables, name = tables_of(source, channels is not None), name_of(source)
     return _with_axles(check_tables(tables, name, content, span, fit_error), parameters)
 
 

@@ -40,6 +40,7 @@ from harness.recordings.proposal.column_values import (
     in_units,
     witness,
 )
+from harness.recordings.read.channel_map import relative
 from harness.recordings.read.span import named_parts
 
 _ALIKE = 0.9
@@ -109,17 +110,19 @@ class _Columns:
     left_out: dict[str, str]
 
 
-def propose(path: Path) -> Proposal:
+def propose(path: Path, databases: Sequence[str] = (), folder: Path = Path()) -> Proposal:
     """Return a channel map for a recording, guessed from names, units, ranges and how signals belong together.
 
     Args:
         path: Recording, or a part of one: ``log.csv@0s:118s``.
+        databases: Of the messages of a bus log, each as ``[BUS=]FILE``.
+        folder: Where the map is to lie, from which it names the databases.
 
     Raises:
         UserError: If it cannot be read, or no column looks like a signal.
     """
     file, _, span = named_parts(path)
-    tables = [filled(table) for table in readers.read_tables(file)]
+    tables = [filled(table) for table in readers.read_tables(file, databases=databases)]
     own_clocks = [clocks_of(table) for table in tables]
     if span is not None:
         tables = [cut(table, seconds_of(table, own), span, path) for table, own in zip(tables, own_clocks, strict=True)]
@@ -144,15 +147,16 @@ def propose(path: Path) -> Proposal:
     left_out = {column: why for column, why in left_out.items() if column not in entries}
     if not guesses:
         named = ", ".join(f"'{c}'" for table in tables for c in table.columns)
+        named += "".join(f"; {note}" for table in tables for note in table.notes)
         why = "; ".join(f"'{c}': {reason}" for c, reason in left_out.items() if reason != _SAYS_NOTHING)
         raise UserError(
             f"{path}: no column looks like a signal of a vehicle: {named}; {f'{why}; ' if why else ''}write the map "
             "by hand (docs/measured-data.md)"
         )
     clocks = tuple(clock for own in own_clocks for clock in own)
-    notes += _further_notes(guesses, clocks, left_out)
+    notes += [*(note for table in tables for note in table.notes), *_further_notes(guesses, clocks, left_out)]
     result = Proposal(tuple(guesses), clocks, left_out, tuple(notes))
-    return replace(result, text=_text(result, file))
+    return replace(result, text=_text(result, file, [relative(each, folder) for each in databases]))
 
 
 def _read(
@@ -407,13 +411,15 @@ def _further_notes(
     return notes
 
 
-def _text(proposal: Proposal, path: Path) -> str:
+def _text(proposal: Proposal, path: Path, databases: Sequence[str]) -> str:
     """Return the map as a file, with the reasons as comments."""
     content: dict[str, object] = {
         "title": f"Channels of {path.name}",
         "source": "whose recording, and may it be passed on?",
     }
     comments: dict[tuple[str, ...], str] = {}
+    if databases:
+        content["database"] = databases[0] if len(databases) == 1 else list(databases)
     if proposal.clocks:
         times = [{"channel": column, "unit": unit} for column, unit, _ in proposal.clocks]
         content["time"] = times[0] if len(times) == 1 else times

@@ -4,6 +4,7 @@
 
     title = "..."                                   # what was recorded
     source = "..."                                  # whose data, licence
+    database = "truck.dbc"                          # of a bus log, or a list; of one of its buses "2=gnss.dbc"
     time = { channel = "t", unit = "s" }            # one clock, or a list: each serves the channels stored with it
     yaw_rate = { channel = "EBS11.YawRate", unit = "deg/s", sign = -1, delay = "20 ms" }
 
@@ -17,6 +18,7 @@ of a signal is ``sign * factor * channel + offset``, as the steering calibration
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -36,6 +38,7 @@ from harness.config.schema import Name, Number, Quantity, StrictTable
 from harness.models.signals import SIGNALS
 from harness.recordings.motion.kinematics import DERIVED
 from harness.recordings.motion.pose import UNSIGNED
+from harness.recordings.readers import bus_and_file
 
 ESTIMATE = "estimate"
 """Value of ``delay`` where it is to be estimated from the recording itself."""
@@ -113,6 +116,9 @@ class MapFile(StrictTable):
 
     title: StrictStr = ""
     source: StrictStr = ""
+    database: Annotated[list[StrictStr], BeforeValidator(lambda d: [d] if isinstance(d, str) else d)] = Field(
+        default_factory=list
+    )
     time: Annotated[list[ClockTable], BeforeValidator(lambda t: [t] if isinstance(t, dict) else t)] = Field(
         default_factory=list
     )
@@ -180,6 +186,7 @@ class ChannelMap:
             preference.
         step, rate, stop, largest_gap: NaN where not stated.
         derive: Signals to compute, and the window in s.
+        databases: Of the messages of a bus log, each as ``[BUS=]FILE``.
     """
 
     channels: tuple[Channel, ...]
@@ -195,6 +202,7 @@ class ChannelMap:
     window: float = 0.1
     title: str = ""
     source: str = ""
+    databases: tuple[str, ...] = ()
 
 
 def load_map(source: str | Path | Mapping[str, Any]) -> ChannelMap:
@@ -230,12 +238,32 @@ def load_map(source: str | Path | Mapping[str, Any]) -> ChannelMap:
 
 
 def map_content(source: str | Path | Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return what a channel map holds, unresolved.
+    """Return what a channel map holds, unresolved, but for the paths of databases, which are relative to its folder.
 
     Raises:
         UserError: If the file cannot be read.
     """
-    return source if isinstance(source, Mapping) else read_toml(_file(source))
+    if isinstance(source, Mapping):
+        return source
+    file = _file(source)
+    content = read_toml(file)
+    stated = content.get("database", [])
+    if stated and isinstance(stated, str | list):
+        named = [stated] if isinstance(stated, str) else stated
+        content["database"] = [located(each, file.parent) if isinstance(each, str) else each for each in named]
+    return content
+
+
+def located(database: str, folder: Path) -> str:
+    """Return a database, ``[BUS=]FILE``, with its file as an absolute path."""
+    bus, file = bus_and_file(database, folder)
+    return "=".join([bus] * bool(bus) + [str((folder / file).resolve())])
+
+
+def relative(database: str, folder: Path) -> str:
+    """Return a database, ``[BUS=]FILE`` from the working directory, as a map in a folder names it."""
+    bus, file = bus_and_file(database, Path())
+    return "=".join([bus] * bool(bus) + [Path(os.path.relpath(file, folder)).as_posix()])
 
 
 def _file(source: str | Path) -> Path:
@@ -340,6 +368,7 @@ def _resolve(raw: MapFile, channels: list[Channel], file: str) -> ChannelMap:
         reference=setting.reference,
         derive=wanted,
         window=number("derive", "window", raw.derive.window, "s") if raw.derive else 0.1,
+        databases=tuple(raw.database),
         title=raw.title,
         source=raw.source,
     )

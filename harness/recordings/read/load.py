@@ -41,6 +41,7 @@ def load_recording(
     channels: str | Path | Mapping[str, Any] | None = None,
     step: float | None = None,
     name: str | None = None,
+    databases: Sequence[str] = (),
 ) -> xr.Dataset:
     """Bring a measured drive onto one time base.
 
@@ -52,6 +53,7 @@ def load_recording(
             ``models/signals.py``, in SI units, and the clock the name ``time``.
         step: Step of the common time base in s, in place of that of the channel map.
         name: In reports; by default that of the file.
+        databases: Of the messages of a bus log, each as ``[BUS=]FILE``; those of the channel map by default.
 
     Returns:
         Dataset over ``time`` (s, equidistant, from 0) with a variable per signal, NaN in gaps. Attributes of a
@@ -71,20 +73,22 @@ def load_recording(
         return recording_of(tables, name, mapping, step).assign_attrs(name=name)
     file, own_map, span = named_parts(source)
     mapping = mapping if own_map is None else load_map(own_map)
-    recording = recording_of(_tables(file, mapping), os.fspath(file), mapping, step)
+    recording = recording_of(_tables(file, mapping, databases), os.fspath(file), mapping, step)
     if span is not None:
         recording = part_of(recording, span, os.fspath(source))
     return recording.assign_attrs(name=name or Path(source).name.split(".")[0])
 
 
-def _tables(file: Path, mapping: ChannelMap | None) -> list[readers.Table]:
+def _tables(file: Path, mapping: ChannelMap | None, databases: Sequence[str]) -> list[readers.Table]:
     """Return the columns that a map names, or signals are named after; all where one is missing, which errors list."""
     if mapping is None:
-        return readers.read_tables(file, lambda name: name.removeprefix(TRUTH) in SIGNALS)
+        return readers.read_tables(file, lambda name: name.removeprefix(TRUTH) in SIGNALS, databases)
+    databases = databases or mapping.databases
     named = {c.channel for c in mapping.channels}
     gears = {c.reverse for c in mapping.channels if c.reverse not in ("", COURSE)}
-    tables = readers.read_tables(file, (named | gears | set(mapping.clocks)).__contains__)
-    return tables if named <= {n for t in tables for n in t.columns} else readers.read_tables(file)
+    tables = readers.read_tables(file, (named | gears | set(mapping.clocks)).__contains__, databases)
+    complete = named <= {n for t in tables for n in t.columns}
+    return tables if complete else readers.read_tables(file, databases=databases)
 
 
 def recording_of(
@@ -142,6 +146,7 @@ def recording_of(
         "reference": mapping.reference,
         "start": start,
         "warnings": [
+            *(note for table in tables for note in table.notes),
             *clock.warnings,
             *(_unknown_turns(gap, start) for gap in turns),
             *_coarse(raws, step, mapping),

@@ -2,7 +2,8 @@
 
 A reader exports ``SUFFIXES`` (lower case, with dot; ``/`` for a folder) and ``read(path)``, which returns the
 numeric columns as a list of ``Table``, one per clock, the one with most columns first. One that takes ``wanted``
-besides is told which columns are used, and may leave out others that are never blank. Our own stand in this folder.
+besides is told which columns are used, and may leave out others that are never blank; one that takes ``databases`` gets
+those of the bus that it reads the log of. Our own stand in this folder.
 """
 
 from __future__ import annotations
@@ -10,19 +11,32 @@ from __future__ import annotations
 import inspect
 import os
 import sys
+from collections.abc import Sequence
 from types import ModuleType
 
 from harness.common.arrays import Floats
 from harness.common.components import place_of
 from harness.common.errors import MissingFileError, UserError
 from harness.common.registry import Role
+from harness.recordings.readers._database import bus_and_file
 from harness.recordings.readers._table import NO_MEASUREMENT, Table, Wanted, by_length
 
 READERS = Role(
     sys.modules[__name__], "reader", ("SUFFIXES", "read"), "harness/recordings/readers/__init__.py", "readers"
 )
 
-__all__ = ["NO_MEASUREMENT", "READERS", "Table", "Wanted", "by_length", "read", "read_tables", "reader_of", "suffixes"]
+__all__ = [
+    "NO_MEASUREMENT",
+    "READERS",
+    "Table",
+    "Wanted",
+    "bus_and_file",
+    "by_length",
+    "read",
+    "read_tables",
+    "reader_of",
+    "suffixes",
+]
 
 
 def suffixes() -> dict[str, str]:
@@ -64,12 +78,15 @@ def read(path: str | os.PathLike[str]) -> dict[str, Floats]:
     return read_tables(path)[0].columns
 
 
-def read_tables(path: str | os.PathLike[str], wanted: Wanted | None = None) -> list[Table]:
+def read_tables(
+    path: str | os.PathLike[str], wanted: Wanted | None = None, databases: Sequence[str] = ()
+) -> list[Table]:
     """Read a recording with the reader that its suffix names.
 
     Args:
         path: File or folder, absolute or relative to the working directory.
         wanted: Tells by its name whether a column is used; all are by default.
+        databases: What the frames of a bus log hold, each as ``[BUS=]FILE``; of no use for other formats.
 
     Returns:
         One table per clock, the one with most columns first; at least one, none of them without rows.
@@ -87,8 +104,9 @@ def read_tables(path: str | os.PathLike[str], wanted: Wanted | None = None) -> l
     if not (os.path.isfile(path) or os.path.isdir(path)):  # a pipe gives nothing, some devices give without end
         raise UserError(f"{path}: the recording is no file but a pipe or a device; write what it gives to a file")
     try:
-        takes = "wanted" in inspect.signature(module.read).parameters
-        tables: list[Table] = module.read(path, wanted) if takes else module.read(path)
+        takes = inspect.signature(module.read).parameters
+        asked = {"wanted": wanted, "databases": tuple(databases)}
+        tables: list[Table] = module.read(path, **{name: value for name, value in asked.items() if name in takes})
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {error.strerror or error}") from None
     if not any(table.columns for table in tables):

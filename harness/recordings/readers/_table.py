@@ -27,11 +27,13 @@ class Table:
         columns: Values by name, each float64 of shape ``(samples,)``; missing samples are NaN.
         units: Units by column as the file states them; empty where it states none.
         clock: Column that holds the time in s, where the format itself says which one it is.
+        notes: What is irregular about the file, in sentences.
     """
 
     columns: dict[str, Floats]
     units: dict[str, str] = field(default_factory=dict)
     clock: str | None = None
+    notes: tuple[str, ...] = ()
 
 
 def by_length(vectors: dict[str, Floats]) -> list[Table]:

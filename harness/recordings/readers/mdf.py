@@ -1,12 +1,17 @@
-"""ASAM MDF version 3 and 4, the format of CAN and calibration tools, through asammdf (extra ``mdf``)."""
+"""ASAM MDF version 3 and 4, the format of CAN and calibration tools, through asammdf (extra ``mdf``).
+
+Raw frames of CAN buses (ASAM bus logging) are decoded by the databases that the user names.
+"""
 
 from __future__ import annotations
 
 import logging
 import os
+import re
 import tempfile
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,19 +19,27 @@ import numpy as np
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.files import refuse_beyond, refuse_damaged
-from harness.recordings.readers._table import MOST_BYTES, MOST_COLUMNS, Table
+from harness.recordings.readers._decode import decoded
+from harness.recordings.readers._frames import EXTENDED, Frames, Part, joined
+from harness.recordings.readers._table import MOST_BYTES, MOST_COLUMNS, Table, Wanted
 
 _MOST_PACKED = 1100
 """Bytes that a byte can be unpacked into at most (deflate)."""
 
+_OF_A_BUS = re.compile(r"(CAN|LIN|FlexRay|FLX|Ethernet|ETH|K_LINE|MOST|USB)_[A-Z]\w*(\.\w+)?$")
+_DATA = "CAN_DataFrame."
+_OF_DLC = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64], dtype=np.uint8)
+"""Bytes by the code for the length of a frame (ISO 11898-1)."""
+
 SUFFIXES = (".mf4", ".mdf", ".dat")
 
 
-def read(path: str) -> list[Table]:
+def read(path: str, wanted: Wanted | None = None, databases: Sequence[str] = ()) -> list[Table]:
     """Return the numeric channels in physical values, one table per channel group with its master as clock.
 
     A channel name that several groups hold becomes ``group.channel``, the group by the name of its acquisition (its
-    number where it has none). Samples that the file marks as invalid are NaN; texts and arrays are left out.
+    number where it has none). Samples that the file marks as invalid are NaN; texts and arrays are left out. Signals of
+    raw frames are named as in other bus logs; without a database frames are an error where there is nothing else.
 
     Raises:
         UserError: If asammdf is not installed, the file is damaged, or larger than any recording's.
@@ -47,7 +60,10 @@ def read(path: str) -> list[Table]:
         _refuse_circles(path)
         with MDF(path, temporary_folder=folder) as file:
             _refuse_sizes(file, path)
-            return _tables(file)
+            tables, frames = _tables(file), _frames(file, path)
+    if frames is None or (tables and not databases):
+        return tables
+    return tables + decoded(path, frames, databases, wanted)
 
 
 def _refuse_circles(path: str) -> None:
@@ -108,7 +124,7 @@ def _tables(file: Any) -> list[Table]:
     counts = Counter(name for index, channels in groups for place, name in channels if place != masters.get(index))
     tables: list[Table] = []
     for index, channels in groups:
-        if not file.groups[index].channel_group.cycles_nr:  # of bytes without samples asammdf reads for ever
+        if not file.groups[index].channel_group.cycles_nr or _is_bus(channels):  # of no samples asammdf reads for ever
             continue
         columns: dict[str, Floats] = {}
         units: dict[str, str] = {}
@@ -131,3 +147,43 @@ def _tables(file: Any) -> list[Table]:
         if columns:
             tables.append(Table(columns, {n: u for n, u in units.items() if u}, clock))
     return sorted(tables, key=lambda table: -len(table.columns))
+
+
+def _is_bus(channels: Sequence[tuple[int, str]]) -> bool:
+    """Return whether a group holds what came over a bus: ``CAN_DataFrame``, ``LIN_Frame``, errors of either."""
+    return any(_OF_A_BUS.match(name) for _, name in channels)
+
+
+def _frames(file: Any, path: str) -> Frames | None:
+    """Return the data frames of all CAN buses, in the order of their stamps; ``None`` if there is none."""
+    groups = [
+        index
+        for index, group in enumerate(file.groups)
+        if group.channel_group.cycles_nr and any(c.name.startswith(_DATA) for c in group.channels)
+    ]
+    if not groups:
+        return None
+    frames = joined((_part(file, index) for index in groups), path, "MDF file")
+    if len(groups) == 1:
+        return frames
+    order = np.argsort(frames.time, kind="stable")
+    by_frame = ("time", "identifier", "bus", "length", "start")
+    return replace(frames, **{name: getattr(frames, name)[order] for name in by_frame})
+
+
+def _part(file: Any, index: int) -> Part:
+    """Return the frames of a group (ASAM MDF 4.1, bus logging)."""
+    places = {c.name.rpartition(".")[2]: i for i, c in enumerate(file.groups[index].channels)}
+
+    def field(name: str) -> Any:
+        return file.get(group=index, index=places[name], ignore_invalidation_bits=True, raw=True)
+
+    identifiers = field("ID")
+    identifier = identifiers.samples.astype(np.uint32)
+    extended = field("IDE").samples.astype(bool) if "IDE" in places else identifier & EXTENDED > 0
+    identifier = (identifier & 0x1FFFFFFF) | np.where(extended, np.uint32(EXTENDED), np.uint32(0))
+    octets = field("DataBytes").samples
+    octets = octets.reshape(len(identifier), -1)
+    length = field("DataLength").samples if "DataLength" in places else _OF_DLC[field("DLC").samples & 15]
+    bus = field("BusChannel").samples.astype(int) if "BusChannel" in places else np.ones(len(identifier), dtype=int)
+    return identifiers.timestamps.astype(float), identifier, bus, length, octets

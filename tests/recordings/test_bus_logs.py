@@ -1,0 +1,207 @@
+from pathlib import Path
+
+import cantools
+import numpy as np
+import pytest
+
+from harness.common.errors import UserError
+from harness.recordings import load_recording, readers
+from harness.recordings.proposal.propose import propose
+from harness.recordings.readers._decode import Octets, raw_values
+from harness.recordings.readers._frames import Frames
+from support import bus_logs
+
+CAN = Path(__file__).parents[3] / "shared" / "can"
+J1939, GNSS = CAN / "CSS-Electronics-SAE-J1939-DEMO.dbc", CAN / "gnss.dbc"
+real = pytest.mark.skipif(not CAN.is_dir(), reason="real bus logs are absent: ../shared/can")
+FORMS = ("blf", "asc", "log", "trc", "mf4")
+BUSES = {".log": {"can0": "1", "can1": "2"}, ".mf4": {"0": "1", "1": "2"}}
+
+
+def signals(path, database, wanted=None):
+    """Return stamps and values by signal, the buses named 1 and 2 whatever the form calls them."""
+    columns, names = {}, BUSES.get(path.suffix, {})
+    for table in readers.read_tables(path, wanted, [str(database)]):
+        for name, values in table.columns.items():
+            if name != table.clock:
+                bus, _, signal = name.partition(".")
+                columns[f"{names.get(bus, bus)}.{signal}"] = table.columns[table.clock], values
+    return columns
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("bus")
+    messages = bus_logs.frames()
+    database = bus_logs.database(folder)
+    return messages, database, {form: bus_logs.write(folder / f"log.{form}", messages) for form in FORMS}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_every_form_gives_the_signals_of_the_frames(log, form):
+    messages, database, files = log
+    read = signals(files[form], database)
+    reference = {
+        "1.Motion.Speed": ("Motion", "Speed", 0, 0.01, 0.0),
+        "2.Motion.Speed": ("Motion", "Speed", 1, 0.01, 0.0),
+        "1.Motion.YawRate": ("Motion", "YawRate", 0, 0.0625, -3.0),
+        "Long.Count": ("Long", "Count", 0, 1.0, 0.0),
+        "Angle.Wheel": ("Angle", "Wheel", 0, 1.0, 0.0),
+        "Wide.Behind": ("Wide", "Behind", 0, 0.001, 0.0),
+    }
+    for name, (message, signal, bus, scale, offset) in reference.items():
+        raw = bus_logs.raw_values(messages, bus, message, signal)
+        physical = [np.nan if r is None or (signal == "Speed" and r in (65533, 65535)) else r for r in raw]
+        expected = np.array([float(r) * scale + offset for r in physical])
+        np.testing.assert_array_equal(read[name][1], expected, err_msg=name)
+        stamps = read[name][0]
+        sent = [m.timestamp for m in messages if m.channel == bus and m.arbitration_id == {"Motion": 256}.get(message)]
+        if sent:
+            np.testing.assert_allclose(stamps - stamps[0], np.array(sent) - sent[0], atol=1e-6)
+    assert np.isnan(read["1.Motion.Speed"][1]).sum() == 4
+
+
+def test_all_forms_and_decoded_files_agree_to_the_bit(log, tmp_path):
+    _, database, files = log
+    first = signals(files["blf"], database)
+    for form in FORMS[1:]:
+        other = signals(files[form], database)
+        assert set(other) == set(first)
+        for name, (_, values) in first.items():
+            np.testing.assert_array_equal(other[name][1], values, err_msg=f"{form} {name}")
+    for path in bus_logs.decoded(tmp_path, first):
+        columns = {}
+        for table in readers.read_tables(path):
+            columns |= table.columns
+        for name, (_, values) in first.items():
+            kept = values[np.isfinite(values)]
+            np.testing.assert_array_equal(columns[name][np.isfinite(columns[name])], kept, err_msg=f"{path} {name}")
+
+
+def test_each_signal_has_the_frames_that_hold_it(log):
+    messages, database, files = log
+    tables = {t.clock: t for t in readers.read_tables(files["blf"], None, [str(database)])}
+    second = tables["2.Motion.time"]
+    assert np.isnan(second.columns["2.Motion.Speed"][3])
+    assert second.notes[0].startswith("2.Motion.Speed: 1 of 40 frames are too short")
+    first = tables["Choice.Which=0.time"].columns["Choice.First"]
+    raw = [int.from_bytes(m.data[1:3], "little", signed=True) for m in messages if m.arbitration_id == 259]
+    np.testing.assert_array_equal(first, 0.5 * np.array(raw[::2]))
+    assert len(tables["Choice.Which=1.time"].columns["Choice.Second"]) == 20
+
+
+def test_j1939_is_read_from_every_address_and_no_value_is_missing(log):
+    read = signals(log[2]["blf"], log[1])
+    engine, other = read["EEC1@00.EngineSpeed"][1], read["EEC1@21.EngineSpeed"][1]
+    np.testing.assert_array_equal(other, 0.125 * (900 + np.arange(40)))
+    assert np.flatnonzero(np.isnan(engine)).tolist() == [5, 6]
+    np.testing.assert_array_equal(read["EEC1@00.Mode"][1][:4], [0, 1, np.nan, np.nan])
+
+
+def test_states_of_a_value_table_stay_numbers(log):
+    gear = signals(log[2]["blf"], log[1])["1.Motion.Gear"][1]
+    np.testing.assert_array_equal(gear, np.arange(40) % 3)
+
+
+def test_raw_values_are_those_of_cantools_whatever_the_layout():
+    rng = np.random.default_rng(0)
+    data = rng.integers(0, 256, (50, 64), dtype=np.uint8)
+    ids = np.full(50, 1, dtype=np.uint32)
+    start = np.arange(50, dtype=np.int64) * 64
+    length = np.full(50, 64, dtype=np.uint8)
+    octets = Octets(
+        Frames(np.arange(50.0), ids, np.zeros(50, np.int16), ("1",), length, start, data.ravel()), np.arange(50)
+    )
+    for _ in range(300):
+        order = rng.choice(["little_endian", "big_endian"])
+        size, at = int(rng.integers(1, 65)), int(rng.integers(0, 512))
+        conversion = cantools.database.conversion.BaseConversion.factory(is_float=False)
+        signal = cantools.database.can.Signal("s", at, size, order, bool(rng.integers(2)), conversion)
+        try:
+            message = cantools.database.can.Message(1, "m", 64, [signal], strict=True)
+        except cantools.database.Error:
+            continue
+        expected = [message.decode(row.tobytes(), scaling=False)["s"] for row in data]
+        assert raw_values(octets, signal).tolist() == expected, (order, size, at)
+
+
+def test_only_what_is_wanted_is_decoded(log):
+    read = signals(log[2]["mf4"], log[1], {"EEC1@00.EngineSpeed", "Long.Count"}.__contains__)
+    assert set(read) == {"EEC1@00.EngineSpeed", "Long.Count"}
+
+
+def test_databases_are_of_a_bus_or_of_all(log):
+    _, database, files = log
+    read = readers.read_tables(files["blf"], None, [f"2={database}"])
+    assert [t.clock for t in read] == ["Motion.time"]
+    with pytest.raises(UserError, match=r"has no bus '7'.*there are 1, 2"):
+        readers.read_tables(files["blf"], None, [f"7={database}"])
+
+
+def test_without_a_database_the_identifiers_and_their_rates_are_named(log):
+    for path in log[2].values():
+        with pytest.raises(UserError, match=r"360 raw frames.*--database FILE.*0x0CF00400 \(10\d/s\)"):
+            readers.read_tables(path)
+
+
+def test_a_wrong_database_says_how_many_frames_it_knows(log, tmp_path):
+    wrong = tmp_path / "wrong.dbc"
+    wrong.write_text('VERSION ""\nBU_: A\nBO_ 5 Other: 8 A\n SG_ x : 0|8@1+ (1,0) [0|0] "" A\n', encoding="utf-8")
+    with pytest.raises(UserError, match=r"none of 360 frames.*0x100 \("):
+        readers.read_tables(log[2]["asc"], None, [str(wrong)])
+    notes = readers.read_tables(log[2]["asc"], None, [str(log[1])])[0].notes
+    assert "320 of 360 frames" in notes[0]
+    assert "0x7AB" in notes[0]
+
+
+@pytest.mark.parametrize("kind", ["kcd", "sym"])
+def test_other_databases_give_the_same_signals(log, tmp_path, kind):
+    loaded = cantools.database.load_string(bus_logs.DBC, "dbc")
+    other = tmp_path / f"bus.{kind}"
+    text = loaded.as_kcd_string() if kind == "kcd" else loaded.as_sym_string()
+    other.write_text(text, encoding="utf-8")
+    expected, read = signals(log[2]["blf"], log[1]), signals(log[2]["blf"], other)
+    for name in ("1.Motion.YawRate", "Long.Count", "Angle.Wheel", "Wide.Behind"):
+        np.testing.assert_array_equal(read[name][1], expected[name][1], err_msg=name)
+
+
+def test_a_map_is_proposed_with_its_database_and_is_enough(log, tmp_path):
+    _, database, files = log
+    proposal = propose(files["blf"], [str(database)], tmp_path / "maps")
+    assert "km/h" in proposal.text
+    (tmp_path / "maps").mkdir()
+    path = tmp_path / "maps" / "log.toml"
+    path.write_text(proposal.text, encoding="utf-8")
+    recording = load_recording(files["blf"], path)
+    assert recording["speed"].attrs["channel"].endswith("Motion.Speed")
+
+
+@pytest.mark.parametrize("module", ["can", "cantools"])
+def test_an_absent_package_is_one_line_that_names_the_extra(log, monkeypatch, module):
+    monkeypatch.setitem(__import__("sys").modules, module, None)
+    with pytest.raises(UserError, match=r"pip install \"robustness-harness\[can\]\"$"):
+        readers.read_tables(log[2]["asc"], None, [str(log[1])])
+
+
+@real
+def test_the_real_truck_log_is_decoded():
+    path = CAN / "11111111_00000012_00000001.MF4"
+    tables = {t.clock: t for t in readers.read_tables(path, None, [str(J1939), str(GNSS)])}
+    assert len(tables["EEC1.time"].columns["EEC1.EngineSpeed"]) == 12719
+    assert tables["EEC1.time"].units == {"EEC1.EngineSpeed": "rpm"}
+    assert tables["gnss_imu.time"].columns["gnss_imu.AccelerationX"][:2].tolist() == [-2.0, -1.875]
+    proposal = propose(path, [str(J1939), str(GNSS)])
+    assert {"speed", "heading", "latitude"} <= {g.signal for g in proposal.guesses}
+
+
+@real
+@pytest.mark.parametrize("name", ["2F6913DB_00000004_00000001", "2F6913DB_00001089_00000001-63BEF5CD"])
+def test_the_other_real_logs_are_read(name):
+    tables = readers.read_tables(CAN / f"{name}.MF4", None, [str(GNSS)])
+    assert any("gnss_status.FixType" in t.columns for t in tables)
+
+
+@real
+def test_a_real_log_with_the_wrong_databases_is_refused_in_words():
+    with pytest.raises(UserError, match=r"none of 9600 frames.*0x09F11202 \(40/s\)"):
+        readers.read_tables(CAN / "94C49784_00000005_00000002.MF4", None, [str(J1939), str(GNSS)])

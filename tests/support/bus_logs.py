@@ -1,0 +1,116 @@
+"""One list of frames of two buses, its database, and the same frames in every form that a logger writes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import can
+import cantools
+import numpy as np
+import pandas as pd
+from asammdf import MDF, Signal
+
+DBC = """VERSION ""
+NS_ :
+BS_:
+BU_: ECU
+BO_ 256 Motion: 8 ECU
+ SG_ Speed : 0|16@1+ (0.01,0) [0|655.32] "km/h" ECU
+ SG_ YawRate : 23|13@0- (0.0625,-3) [0|0] "deg/s" ECU
+ SG_ Gear : 40|4@1+ (1,0) [0|15] "" ECU
+BO_ 257 Long: 8 ECU
+ SG_ Count : 0|64@1+ (1,0) [0|0] "ns" ECU
+BO_ 258 Angle: 4 ECU
+ SG_ Wheel : 0|32@1- (1,0) [0|0] "rad" ECU
+BO_ 259 Choice: 4 ECU
+ SG_ Which M : 0|8@1+ (1,0) [0|0] "" ECU
+ SG_ First m0 : 8|16@1- (0.5,0) [0|0] "m" ECU
+ SG_ Second m1 : 8|16@1+ (1,0) [0|0] "m/s" ECU
+BO_ 260 Wide: 64 ECU
+ SG_ Behind : 400|24@1- (0.001,0) [0|0] "m/s^2" ECU
+BO_ 2364540158 EEC1: 8 ECU
+ SG_ EngineSpeed : 24|16@1+ (0.125,0) [0|8031.875] "rpm" ECU
+ SG_ Mode : 0|2@1+ (1,0) [0|3] "" ECU
+BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN","StandardCAN_FD","J1939PG";
+BA_DEF_DEF_ "VFrameFormat" "StandardCAN";
+BA_ "VFrameFormat" BO_ 2364540158 3;
+SIG_VALTYPE_ 258 Wheel : 1;
+VAL_ 256 Speed 65533 "Init" 65535 "SNA" ;
+VAL_ 256 Gear 0 "Neutral" 1 "First" 2 "Second" 15 "SNA" ;
+"""
+
+
+def database(folder: Path) -> Path:
+    """Write the database and return its path."""
+    path = folder / "bus.dbc"
+    path.write_text(DBC, encoding="utf-8")
+    return path
+
+
+def frames(count: int = 40) -> list[can.Message]:
+    """Return the frames, on buses 0 and 1, each message every 10 ms."""
+    rng = np.random.default_rng(1)
+    messages: list[can.Message] = []
+
+    def send(i: int, place: int, identifier: int, data: bytes, bus: int = 0, **more: bool) -> None:
+        stamp = 1_600_000_000 + i * 0.01 + place * 0.001
+        messages.append(
+            can.Message(
+                stamp, identifier, is_extended_id=identifier > 0x7FF, data=data, channel=bus, is_rx=True, **more
+            )
+        )
+
+    for i in range(count):
+        speed = (65535, 65533)[i % 2] if 10 <= i < 14 else 1000 + i
+        send(i, 0, 256, speed.to_bytes(2, "little") + rng.bytes(3) + bytes([i % 3, 0, 0]))
+        send(i, 1, 257, (2**64 - 1 - i).to_bytes(8, "little"))
+        send(i, 2, 258, np.float32(np.sin(i)).tobytes())
+        send(i, 3, 259, bytes([i % 2]) + rng.bytes(3))
+        send(i, 4, 260, rng.bytes(64), is_fd=True)
+        engine = 0xFFFF if i == 5 else 0xFE12 if i == 6 else 800 + i
+        send(i, 5, 0x0CF00400, bytes([i % 4, 0, 0]) + engine.to_bytes(2, "little") + bytes(3))
+        send(i, 6, 0x18F00421, bytes([0, 0, 0]) + (900 + i).to_bytes(2, "little") + bytes(3))
+        send(i, 7, 256, rng.bytes(8) if i != 3 else rng.bytes(1), bus=1)
+        send(i, 8, 0x7AB, rng.bytes(2))
+    return messages
+
+
+def write(path: Path, messages: list[can.Message]) -> Path:
+    """Write frames with python-can in the form that the suffix says."""
+    logger = can.Logger(path)
+    for message in messages:
+        logger.on_message_received(message)
+    logger.stop()
+    if path.suffix == ".trc":  # whose writer leaves out CAN FD
+        wide = [m for m in messages if m.is_fd]
+        lines = [
+            f"{i + 1:7} {1e3 * (m.timestamp - messages[0].timestamp):13.3f} FD {m.channel + 1:2} {m.arbitration_id:8X} "
+            f"Rx - 15    {' '.join(f'{octet:02X}' for octet in m.data)}\n"
+            for i, m in enumerate(wide)
+        ]
+        path.write_text(path.read_text(encoding="utf-8") + "".join(lines), encoding="utf-8")
+    return path
+
+
+def raw_values(messages: list[can.Message], bus: int, name: str, signal: str) -> list[int | float | None]:
+    """Return the raw values of a signal by cantools, frame by frame; ``None`` where a frame is too short."""
+    described = cantools.database.load_string(DBC, "dbc").get_message_by_name(name)
+    values = []
+    for m in messages:
+        if m.channel == bus and m.arbitration_id == described.frame_id:
+            try:
+                values.append(described.decode(m.data, decode_choices=False, scaling=False)[signal])
+            except cantools.database.DecodeError:
+                values.append(None)
+    return values
+
+
+def decoded(folder: Path, columns: dict[str, tuple[np.ndarray, np.ndarray]]) -> list[Path]:
+    """Write decoded signals, stamps and values by name, as MF4 and as CSV, and return the files."""
+    with MDF(version="4.10") as file:
+        for name, (stamps, values) in columns.items():
+            file.append([Signal(values, stamps, name=name)])
+        file.save(folder / "decoded.mf4", overwrite=True)
+    frame = pd.concat([pd.DataFrame({name: v}, index=t) for name, (t, v) in columns.items()], axis=1)
+    frame.rename_axis("time").reset_index().to_csv(folder / "decoded.csv", index=False)
+    return [folder / "decoded.mf4", folder / "decoded.csv"]
