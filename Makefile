@@ -126,7 +126,7 @@ lint: $(VENV)/dev.stamp ## ruff, mypy and the rule of imports
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
 
-attribution: $(VENV)/dev.stamp ## trace the blind plant's cases and score what was named (hours; CASES="...", VEHICLE, MAGNITUDE, QUALITY=field or bus, REPEATS, FIRST, JOBS; GATE=274: cases at random, of these KIND=effect)
+attribution: $(VENV)/dev.stamp ## trace the blind plant's cases and score what was named (hours; CASES="...", VEHICLE, MAGNITUDE, QUALITY=field, bus or real, REPEATS, FIRST, JOBS; GATE=274: cases at random, of these KIND=effect)
 	$(BIN)/python -m bench.attribution $(if $(CASES),--cases $(CASES)) $(if $(VEHICLE),--vehicle $(VEHICLE)) $(if $(MAGNITUDE),--magnitude $(MAGNITUDE)) $(if $(QUALITY),--quality $(QUALITY)) $(if $(REPEATS),--repeats $(REPEATS)) $(if $(FIRST),--first $(FIRST)) $(if $(GATE),--gate $(GATE)) $(if $(KIND),--kind $(KIND)) $(if $(JOBS),--jobs $(JOBS))
 
 attribution-docs: $(VENV)/dev.stamp ## renew tables and figures of docs/tables/attribution.md from results/attribution

@@ -22,6 +22,7 @@ from rich.console import Console
 
 from bench.attribution.oracle import FILE, write_oracle
 from bench.attribution.score import FAILED, SECONDS
+from bench.real.run import trace_case
 from harness.common.errors import ModelError, UserError
 from harness.common.files import write_files
 from harness.diagnosis.model.augmented_model import AugmentedModel
@@ -32,8 +33,8 @@ from harness.recordings import load_recording
 
 PLANT = Path(__file__).parents[2] / "tests" / "blind" / "plant.py"
 
-QUALITIES = ("clean", "field", "bus")
-"""Of recordings, as the plant writes them."""
+QUALITIES = ("clean", "field", "bus", "real")
+"""Of recordings, as the plant writes them; ``real`` is that of the realistic plants (``bench/real``)."""
 
 NOMINAL: dict[str, dict[str, Any]] = {
     "semitrailer": {"parameters": "ziaukas_2023", "tyre": "magic_formula", "sensors": "test_vehicle_inertial"},
@@ -95,6 +96,8 @@ class Tracer:
         if problem:
             return problem
         folder = case.folder
+        if case.quality == "real":
+            return trace_case(folder, self._threads)
         traced, oracle = (folder / "trace" / "trace.json").exists(), (folder / FILE).exists()
         if traced and oracle:
             return ""
@@ -131,8 +134,8 @@ def written(case: Case) -> str:
     """Have the plant write a case that is not there; return what it says if it cannot. The seal is written last."""
     if (case.folder / "sealed.json").exists():
         return ""
-    plant = [sys.executable, str(PLANT), "--case", case.name, "--repeat", str(case.repeat)]
-    plant += ["--quality", case.quality, "--out", str(case.folder)]
+    plant = [*_plant(case.quality), "--case", case.name, "--repeat", str(case.repeat), "--out", str(case.folder)]
+    plant += [] if case.quality == "real" else ["--quality", case.quality]
     done = subprocess.run(plant, capture_output=True, text=True, check=False)
     return done.stderr.strip() if done.returncode else ""
 
@@ -183,8 +186,13 @@ def _run(case: Case) -> str:
     return _tracer.run(case)
 
 
-def listed() -> list[Listed]:
-    """Return every case of the plant."""
-    done = subprocess.run([sys.executable, str(PLANT), "--list"], capture_output=True, text=True, check=True)
+def _plant(quality: str) -> list[str]:
+    """Return how the plant of a quality is called."""
+    return [sys.executable, "-m", "bench.real.plant"] if quality == "real" else [sys.executable, str(PLANT)]
+
+
+def listed(quality: str = "clean") -> list[Listed]:
+    """Return every case of the plant of a quality."""
+    done = subprocess.run([*_plant(quality), "--list"], capture_output=True, text=True, check=True)
     lines = (line.split("\t") for line in done.stdout.splitlines())
     return [Listed(name, kind, int(first)) for name, kind, first in lines]
