@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from harness.common.errors import UserError
-from harness.recordings.proposal.column_names import read_name, unit_of
+from harness.common.unit_spellings import unit_of
+from harness.recordings.proposal.column_names import read_name
 from harness.recordings.proposal.propose import propose
 from harness.recordings.read.load import load_recording
 from support.further_header_tables import FURTHER
@@ -98,7 +99,7 @@ def test_the_one_that_counts_the_other_way_is_reversed(recording, turned):
 )
 def test_the_clock_and_its_unit(recording, factor, unit, name):
     found = propose(recording(**{name: 1e3 + TIME * factor}, yaw_rate=RATE))
-    assert [(c, u) for c, u, _ in found.clocks] == [(name, unit)]
+    assert [(c.column, c.unit) for c in found.clocks] == [(name, unit)]
 
 
 def test_stamps_of_one_instant_are_compared_by_rows(recording):
@@ -208,7 +209,7 @@ def test_every_structure_has_its_clock_and_a_time_of_day_is_none(tmp_path, epoch
         path,
         {"can": {"time": TIME, "speed": SPEED}, "imu": {"time": epoch + late, "yaw_rate": 0.3 * np.sin(0.5 * late)}},
     )
-    assert [column for column, _, _ in propose(path).clocks] == clocks
+    assert [c.column for c in propose(path).clocks] == clocks
 
 
 @pytest.mark.parametrize(("table", "right"), [(DEVELOPED, 0.95), (HELD_OUT, 0.9), (FRESH, 0.9), (FURTHER, 0.9)])
@@ -309,7 +310,7 @@ def test_an_angle_of_road_wheels_is_told_from_one_of_a_steering_wheel(recording)
 
 def test_one_hertz_and_a_part_of_a_file(recording):
     path = recording(t=np.arange(400.0), speed=np.repeat([15.0, 25.0], 200) + np.tile([0.0, 1.0], 200))
-    assert [unit for _, unit, _ in propose(path).clocks] == ["s"]
+    assert [c.unit for c in propose(path).clocks] == ["s"]
     part = propose(f"{path}@0s:100s")
     assert max(g.values.max() for g in part.guesses) == 16.0
     with pytest.raises(UserError, match="there is nothing in that span"):

@@ -24,6 +24,7 @@ from harness.recordings.motion.consistency import DISAGREES, DelayUnknown, verdi
 from harness.recordings.motion.pair_fit import Agreement
 from harness.recordings.read.channel_map import ESTIMATE, load_map, located, map_content
 from harness.recordings.read.channels import plain_map
+from harness.recordings.read.file_units import content_with_file_units
 from harness.recordings.read.in_memory import name_of, tables_of
 from harness.recordings.read.load import recording_of
 from harness.recordings.read.span import Span, named_parts, part_of
@@ -178,6 +179,7 @@ def check_tables(
         UserError: If tables and map do not fit each other.
     """
     given = remedy.content_of(plain_map(tables, file)) if content is None else remedy.listed(content)
+    given = content_with_file_units(given, tables)
     recording, examination, _ = _examined(tables, file, given, span)
     findings = list(examination.findings)
     after, last = given, examination

@@ -12,23 +12,50 @@ import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
+from harness.common.unit_spellings import unit_of
 from harness.common.units import scale
 from harness.models.signals import SIGNALS
 from harness.recordings import readers
 from harness.recordings.proposal.column_names import TIME, read_name
 from harness.recordings.proposal.column_values import STATED, WORST, Guess, Motion, MotionPair, Witness, compared
 from harness.recordings.read.channels import is_measured
+from harness.recordings.read.clock import by_line
 from harness.recordings.read.span import Span
 
 
-def seconds_of(table: readers.Table, clocks: Sequence[tuple[str, str, str]]) -> Floats | None:
+class ClockColumn(NamedTuple):
+    """A column of time.
+
+    Attributes:
+        column, unit: Its name, and its unit as pint reads it.
+        why: Reasons, in words.
+        plus: Column and unit of the rest of its stamps; None where it is alone.
+    """
+
+    column: str
+    unit: str
+    why: str
+    plus: tuple[str, str] | None = None
+
+
+def seconds_of(table: readers.Table, clocks: Sequence[ClockColumn]) -> Floats | None:
     """Return the instants of a table in s; None where it has no clock."""
-    return table.columns[clocks[0][0]] * scale(clocks[0][1], "s", "time") if clocks else None
+    if not clocks:
+        return None
+    column, unit, _, plus = clocks[0]
+    seconds = table.columns[column] * scale(unit, "s", "time")
+    if plus is not None:
+        seconds = seconds + table.columns[plus[0]] * scale(plus[1], "s", "time")
+    if np.isfinite(seconds).all() and (steps := np.diff(seconds)).min(initial=1.0) == 0.0 and (steps >= 0.0).all():
+        instants = by_line(seconds, np.arange(len(seconds)))
+        seconds = seconds if instants is None else instants
+    return seconds
 
 
 def filled(table: readers.Table) -> readers.Table:
@@ -42,7 +69,7 @@ def filled(table: readers.Table) -> readers.Table:
     return replace(table, columns=columns)
 
 
-def clocks_of(table: readers.Table) -> list[tuple[str, str, str]]:
+def clocks_of(table: readers.Table) -> list[ClockColumn]:
     """Return the clock of a table; where its vectors are those of several structures, that of each which has one.
 
     Clocks of one recording run at the same time; a time of day beside it is none.
@@ -51,37 +78,73 @@ def clocks_of(table: readers.Table) -> list[tuple[str, str, str]]:
     if native is not None:
         return [native]
     of_structures: dict[str, list[str]] = {}
-    for column in table.columns:
-        if TIME.search(read_name(column).words):
+    for column in sorted(table.columns, key=lambda c: not is_time(c)):
+        if is_time(column) or getattr(unit_of(table.units.get(column, "")), "si", "") == "s":
             of_structures.setdefault(column.rpartition(".")[0], []).append(column)
     candidates = [c for c in (_clock(table, columns) for columns in of_structures.values()) if c is not None]
-    spans = [
-        np.nanquantile(table.columns[column], [0.0, 1.0]) * scale(unit, "s", "time") for column, unit, _ in candidates
-    ]
+    spans = [np.nanquantile(table.columns[c.column], [0.0, 1.0]) * scale(c.unit, "s", "time") for c in candidates]
     return [c for c, (begin, end) in zip(candidates, spans, strict=True) if begin <= spans[0][1] and end >= spans[0][0]]
 
 
-def _clock(table: readers.Table, columns: Sequence[str]) -> tuple[str, str, str] | None:
+def is_time(column: str) -> bool:
+    """Return whether the name of a column reads as that of a clock."""
+    return TIME.search(read_name(column).words) is not None
+
+
+def _clock(table: readers.Table, columns: Sequence[str]) -> ClockColumn | None:
     """Return the first of some columns that rises as a clock does, its unit and why."""
     for column in columns:
         steps = np.diff(table.columns[column])
         steps = steps[np.isfinite(steps)]
-        if len(steps) < 2 or (steps < 0).mean() > 0.01:
+        if len(steps) < 2 or (steps < 0).mean() > 0.01 or not (steps > 0).any():
             continue
         if column == table.clock:
-            return column, "s", "the format says so"
+            return ClockColumn(column, "s", "the format says so")
         stated, step = read_name(column, table.units.get(column, "")).unit, float(np.median(steps))
+        first = float(table.columns[column][np.isfinite(table.columns[column])][0])
+        step = step if step > 0 else float(steps.mean())
         if stated is not None and stated.si == "s":
-            return column, stated.text, f"unit by the {stated.by}"
-        for unit, largest in (("s", 1.0), ("ms", 500.0), ("us", 5e5), ("ns", 5e8)):
-            if step <= largest:
-                return column, unit, f"rises by {step:g} from row to row, unit by that: {_rate(step, unit)}"
+            clock = ClockColumn(column, stated.text, f"unit by the {stated.by}")
+        elif step < _OF_A_DAY and any(low < first < high for low, high in _DAYS):
+            clock = ClockColumn(column, "day", "its values are days since 1900 or the year 0")
+        else:
+            unit = next((unit for unit, largest in _LARGEST_STEPS.items() if step <= largest), None)
+            if unit is None:
+                continue
+            why = f"rises by {step:g} from row to row, unit by that: {_rate(step, unit)}"
+            clock = ClockColumn(column, unit, why)
+        return _with_rest(table, clock) if (steps == 0).mean() > _REPEATED else clock
     return None
+
+
+def _with_rest(table: readers.Table, clock: ClockColumn) -> ClockColumn:
+    """Return a clock whose stamps repeat with the column that holds the rest of them, where there is one."""
+    seconds, structure = table.columns[clock.column] * scale(clock.unit, "s", "time"), clock.column.rpartition(".")[0]
+    for column, values in table.columns.items():
+        if column == clock.column or column.rpartition(".")[0] != structure or not (values >= 0).all():
+            continue
+        stated = read_name(column, table.units.get(column, "")).unit or unit_of(read_name(column).words)
+        units = [stated.text] if stated is not None and stated.si == "s" else ["ns", "us", "ms"]
+        for unit in units:
+            rest = values * scale(unit, "s", "time")
+            steps = np.diff(seconds + rest)
+            if 0.5 < rest.max() < 1.0 and (steps > 0).mean() > 1 - _REPEATED:
+                why = f"{clock.why}; '{column}' in {unit} holds the rest: {_rate(float(np.median(steps)), 's')}"
+                return clock._replace(why=why, plus=(column, unit))
+    return clock._replace(why=f"{clock.why}; its stamps repeat, so the rows are taken as equidistant where they are")
 
 
 def _rate(step: float, unit: str) -> str:
     seconds = step * {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}[unit]
     return f"{1 / seconds:.4g} Hz" if seconds > 0 else "several rows at a time"
+
+
+_LARGEST_STEPS = {"s": 1.0, "ms": 500.0, "us": 5e5, "ns": 5e8}
+"""Largest step of a clock by its unit, the likeliest first."""
+_REPEATED = 0.01
+"""Share of the stamps that may repeat."""
+_DAYS, _OF_A_DAY = ((3e4, 6e4), (7e5, 8e5)), 1e-3
+"""Values of days since 1900 and since the year 0 in these decades, and the largest step of such a clock."""
 
 
 def cut(table: readers.Table, seconds: Floats | None, span: Span, where: Path) -> readers.Table:

@@ -16,19 +16,22 @@ import numpy as np
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.files import toml_text
+from harness.common.unit_spellings import unit_of
 from harness.models.signals import SIGNALS, TRUTH
 from harness.recordings import readers
 from harness.recordings.proposal.column_choice import (
     WHEELBASE,
     WHEELBASES,
     Chosen,
+    ClockColumn,
     choose,
     clocks_of,
     cut,
     filled,
+    is_time,
     seconds_of,
 )
-from harness.recordings.proposal.column_names import AXLE, Reading, read_name, unit_of
+from harness.recordings.proposal.column_names import AXLE, Reading, read_name
 from harness.recordings.proposal.column_values import (
     ALIKE,
     NOBODY,
@@ -72,14 +75,14 @@ class Proposal:
     """
 
     guesses: tuple[Guess, ...]
-    clocks: tuple[tuple[str, str, str], ...]
+    clocks: tuple[ClockColumn, ...]
     left_out: Mapping[str, str]
     notes: tuple[str, ...]
     text: str = field(default="", repr=False)
 
     def lines(self) -> list[str]:
         """Return what was guessed and why, in lines."""
-        lines = [f"time: '{column}' in {unit} ({why})" for column, unit, why in self.clocks]
+        lines = [f"time: '{c.column}' in {c.unit} ({c.why})" for c in self.clocks]
         for g in self.guesses:
             sign = ", reversed" if g.sign < 0 else ""
             lines.append(f"{g.signal}: '{g.column}' in {g.unit}{sign} ({'; '.join(g.why)})")
@@ -159,13 +162,16 @@ def propose(path: Path, databases: Sequence[str] = (), folder: Path = Path()) ->
     return replace(result, text=_text(result, file, [relative(each, folder) for each in databases]))
 
 
-def _read(
-    tables: Sequence[readers.Table], own_clocks: Sequence[Sequence[tuple[str, str, str]]], motion: Motion
-) -> _Columns:
+def _read(tables: Sequence[readers.Table], own_clocks: Sequence[Sequence[ClockColumn]], motion: Motion) -> _Columns:
     """Return what the columns may be by their names, units and ranges."""
     columns = _Columns([], [], [], {})
     for number, (table, own) in enumerate(zip(tables, own_clocks, strict=True)):
-        clocks = {column for column, _, _ in own} if own else {table.clock}
+        clocks = {name for c in own for name in (c.column, *(c.plus or ())[:1])} if own else {table.clock}
+        columns.left_out |= {
+            column: f"text that is no time as it is read ('{cell}'): {readers.TEXT_CLOCKS}"
+            for column, cell in table.texts.items()
+            if is_time(column)
+        }
         for column, values in table.columns.items():
             if column in clocks or column.startswith(TRUTH):
                 continue
@@ -389,9 +395,7 @@ def _articulated(guesses: Sequence[Guess], motion: Motion) -> list[Guess]:
     return [settled if g is angle else g for g in guesses]
 
 
-def _further_notes(
-    guesses: Sequence[Guess], clocks: Sequence[tuple[str, str, str]], left_out: Mapping[str, str]
-) -> list[str]:
+def _further_notes(guesses: Sequence[Guess], clocks: Sequence[ClockColumn], left_out: Mapping[str, str]) -> list[str]:
     notes = []
     if not clocks:
         notes.append('no column of time was found; state one, or [recording] rate = "100 Hz"')
@@ -421,7 +425,11 @@ def _text(proposal: Proposal, path: Path, databases: Sequence[str]) -> str:
     if databases:
         content["database"] = databases[0] if len(databases) == 1 else list(databases)
     if proposal.clocks:
-        times = [{"channel": column, "unit": unit} for column, unit, _ in proposal.clocks]
+        times = [
+            {"channel": c.column, "unit": c.unit}
+            | ({} if c.plus is None else {"plus": {"channel": c.plus[0], "unit": c.plus[1]}})
+            for c in proposal.clocks
+        ]
         content["time"] = times[0] if len(times) == 1 else times
     for g in proposal.guesses:
         entry: dict[str, object] = {"channel": g.column, "unit": g.unit}

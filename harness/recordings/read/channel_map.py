@@ -51,6 +51,13 @@ class CurveTable(StrictTable):
     value: list[Number] = Field(min_length=2, description="values in the unit that the entry states")
 
 
+class AddedTable(StrictTable):
+    """A column that is added to a clock."""
+
+    channel: Name = Field(description="column")
+    unit: Name = Field(description="its unit")
+
+
 class ClockTable(StrictTable):
     """``time``."""
 
@@ -58,13 +65,19 @@ class ClockTable(StrictTable):
     unit: Name = Field(description="its unit")
     factor: Number = Field(default=1.0, gt=0, description="s that pass while the clock counts one: of one that drifts")
     offset: Quantity = Field(default=0.0, description="added to its stamps")
+    plus: AddedTable | None = Field(
+        default=None, description='a column with the rest of the stamps, such as { channel = "nanosec", unit = "ns" }'
+    )
 
 
 class ChannelTable(StrictTable):
     """One signal."""
 
     channel: Name = Field(description="column of the file")
-    unit: StrictStr = Field(description="unit of the channel (of the curve's values where there is a curve)")
+    unit: StrictStr | None = Field(
+        default=None,
+        description="unit of the channel (of the curve's values where there is a curve); that of the file if absent",
+    )
     sign: Literal[1, -1] = Field(default=1, description="-1 reverses the sign of the channel")
     factor: Number = Field(default=1.0, description="calibration factor on the channel")
     offset: Quantity = Field(default=0.0, description="added last; SI or text with a unit")
@@ -97,7 +110,9 @@ class RecordingTable(StrictTable):
     """``[recording]``."""
 
     step: Quantity | None = Field(default=None, description="step of the common time base; the clock's if absent")
-    rate: Quantity | None = Field(default=None, description="sampling rate, for files without a clock")
+    rate: Quantity | None = Field(
+        default=None, description="sampling rate, for files without a clock, or whose stamps repeat"
+    )
     start: Quantity = Field(default=0.0, description="time after the first sample at which the recording begins")
     stop: Quantity | None = Field(default=None, description="time after the first sample at which it ends")
     largest_gap: Quantity | None = Field(default=None, description="longest time without samples that is bridged")
@@ -134,7 +149,8 @@ class Channel:
     Attributes:
         signal: Name in ``models/signals.py``.
         channel: Column of the file.
-        scale: From the channel's unit to SI, with sign and factor.
+        scale: From the channel's unit to SI, with sign and factor; sign and factor alone where no unit is stated.
+        unit: Unit that is stated; None where it is that of the file.
         offset: Added to the scaled channel.
         delay: s, how late the channel is; NaN if it is to be estimated.
         point: Name of the point where it is measured; empty for the reference point.
@@ -150,6 +166,7 @@ class Channel:
     signal: str
     channel: str
     scale: float = 1.0
+    unit: str | None = ""
     offset: float = 0.0
     delay: float = 0.0
     point: str = ""
@@ -184,6 +201,7 @@ class ChannelMap:
     Attributes:
         clocks: Scale to s, factor of the time that has passed, and offset in s by the column of the clock, in order of
             preference.
+        added: Column that is added to a clock, with its scale to s.
         step, rate, stop, largest_gap: NaN where not stated.
         derive: Signals to compute, and the window in s.
         databases: Of the messages of a bus log, each as ``[BUS=]FILE``.
@@ -191,6 +209,7 @@ class ChannelMap:
 
     channels: tuple[Channel, ...]
     clocks: dict[str, tuple[float, float, float]] = field(default_factory=dict)
+    added: dict[str, tuple[str, float]] = field(default_factory=dict)
     points: dict[str, SensorPoint] = field(default_factory=dict)
     step: float = np.nan
     rate: float = np.nan
@@ -282,7 +301,9 @@ def _validate(content: Any, table: type[Any], problems: Problems, key: str) -> A
 def _channel(name: str, table: ChannelTable, where: str, points: dict[str, PointTable]) -> Channel:
     """Resolve the units of one signal."""
     unit = SIGNALS[name].unit
-    if not table.unit.strip():
+    if table.unit is None and table.curve is not None:
+        raise UserError(f"{where}.unit: state the unit of the curve's values, e.g. '{SIGNALS[name].report_unit}'")
+    if table.unit is not None and not table.unit.strip():
         example = SIGNALS[name].report_unit
         raise UserError(
             f"{where}.unit: is blank; state what the channel is in, e.g. '{example}' ('1' for a plain number)"
@@ -308,7 +329,8 @@ def _channel(name: str, table: ChannelTable, where: str, points: dict[str, Point
     return Channel(
         signal=name,
         channel=table.channel,
-        scale=table.sign * table.factor * scale(table.unit, unit, f"{where}.unit"),
+        scale=table.sign * table.factor * (1.0 if table.unit is None else scale(table.unit, unit, f"{where}.unit")),
+        unit=table.unit,
         offset=to_si(table.offset, unit, f"{where}.offset"),
         delay=delay,
         point=table.point or "",
@@ -358,6 +380,11 @@ def _resolve(raw: MapFile, channels: list[Channel], file: str) -> ChannelMap:
                 to_si(c.offset, "s", f"{file}: time.offset"),
             )
             for c in raw.time
+        },
+        added={
+            c.channel: (c.plus.channel, scale(c.plus.unit, "s", f"{file}: time.plus.unit"))
+            for c in raw.time
+            if c.plus is not None
         },
         points=points,
         step=number("recording", "step", setting.step, "s"),

@@ -20,7 +20,7 @@ from harness.recordings.motion.pose import COURSE
 from harness.recordings.read.channel_map import Channel, ChannelMap, SensorPoint
 from harness.recordings.read.clock import Clock, check_clock, spikes, steadied, updates
 from harness.recordings.read.resample import segments
-from harness.recordings.readers import NO_MEASUREMENT, Table
+from harness.recordings.readers import NO_MEASUREMENT, TEXT_CLOCKS, Table
 
 _BRIDGED = 5
 """Samples that may be missing in a row before it counts as a gap, unless the map states the time."""
@@ -202,7 +202,9 @@ def _clock(
     if named is not None:
         seconds, factor, offset = channels.clocks.get(named, (1.0, 1.0, 0.0))
         stamps = table.columns[named] * seconds
-        clock = check_clock(stamps, f"{file}: '{named}'", rows)
+        if named in channels.added:
+            stamps = stamps + _added(table, named, channels, file)
+        clock = check_clock(stamps, f"{file}: '{named}'", rows, channels.rate)
         origin = stamps[np.isfinite(stamps)][0]
         del stamps
         late = factor * (clock.time[0] - origin)
@@ -215,7 +217,7 @@ def _clock(
         raise UserError(
             f"{members[0].where}: no clock is stored with '{members[0].channel}'; map one with "
             'time = { channel = "...", unit = "s" }, or state [recording] rate = "100 Hz"'
-            f"{closest('time', list(table.columns))}"
+            f"{_unread(table, channels)}"
         )
     since = clock.time - clock.time[0] + late
     stop = channels.stop if np.isfinite(channels.stop) else np.inf
@@ -228,6 +230,24 @@ def _clock(
             f"{since[-1]:.2f} s"
         )
     return Clock(clock.time[inside], clock.rows[inside], clock.step, clock.warnings)
+
+
+def _added(table: Table, clock: str, channels: ChannelMap, file: str) -> Floats:
+    """Return what is added to a clock, in s."""
+    column, seconds = channels.added[clock]
+    if column not in table.columns:
+        raise UserError(
+            f"time.plus: '{column}' is no column beside '{clock}' of {file}{closest(column, list(table.columns))}"
+        )
+    return table.columns[column] * seconds
+
+
+def _unread(table: Table, channels: ChannelMap) -> str:
+    """Return why a clock of the map is none, where it is a column of text; else the nearest name."""
+    for clock in channels.clocks:
+        if clock in table.texts:
+            return f". '{clock}' is text that is no time as it is read ('{table.texts[clock]}'): {TEXT_CLOCKS}"
+    return closest("time", list(table.columns))
 
 
 def _raw(table: Table, channel: Channel, clock: Clock, channels: ChannelMap, file: str) -> Raw:

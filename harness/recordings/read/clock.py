@@ -23,6 +23,10 @@ _OUT_OF_ORDER = 0.01
 """Share of the stamps that may stand still or jump back; with more of them the clock is unusable."""
 _SAME = 1e-9
 """s; stamps that are no further apart are of one instant: no recorder takes two samples within it."""
+_STEPS_OFF = 2.0
+"""Steps of a coarse clock that its stamps may be off the line of equidistant rows, from the earliest to the latest."""
+_LOST = 0.5
+"""Share of the rows that may be left out as their stamps repeat."""
 _LATEST = 1e24
 """s; no clock counts so far, nor from so long ago, even if its nanoseconds are taken for seconds."""
 _RESOLVED = 64.0
@@ -56,16 +60,20 @@ class Clock:
         return np.asarray(column if len(self.rows) == len(column) else column[self.rows], dtype=float)
 
 
-def check_clock(stamps: Floats, where: str, own_rows: NDArray[np.intp] | None = None) -> Clock:
+def check_clock(stamps: Floats, where: str, own_rows: NDArray[np.intp] | None = None, rate: float = np.nan) -> Clock:
     """Keep the rows whose stamp is later than every one before.
+
+    Where many stamps repeat, the clock is coarser than the rows, which are then taken as equidistant.
 
     Args:
         stamps: Of all rows of a file, in s.
         where: File and column, for messages.
         own_rows: Rows of the clock; all by default.
+        rate: Rows in a second, Hz, for stamps that repeat; NaN if it is to be found.
 
     Raises:
-        UserError: If fewer than two rows are left, or too many stamps repeat or jump back.
+        UserError: If fewer than two rows are left, too many stamps repeat or jump back, they contradict the rate, or
+            are hours, minutes and seconds in digits.
     """
     own = np.arange(len(stamps)) if own_rows is None else own_rows
     finite = np.isfinite(stamps[own])
@@ -81,6 +89,8 @@ def check_clock(stamps: Floats, where: str, own_rows: NDArray[np.intp] | None = 
     if bad.size:
         first = int(bad[0])
         evidence = f"first at row {own[first] + 1}, where {time[first]:.6g} s follows {time[max(first - 1, 0)]:.6g} s"
+        if bad.size > _OUT_OF_ORDER * len(stamps) and finite.all() and (np.diff(time) >= -_SAME).all():
+            return _coarse(time, own, rate, f"{where}: {bad.size} of {len(own)} stamps repeat ({evidence})")
         if bad.size > _OUT_OF_ORDER * len(stamps):
             raise UserError(
                 f"{where}: {bad.size} of {len(own)} stamps are missing, repeat or jump back ({evidence}); "
@@ -91,13 +101,78 @@ def check_clock(stamps: Floats, where: str, own_rows: NDArray[np.intp] | None = 
     furthest = max(kept[-1], -kept[0])
     if furthest > _LATEST:
         raise UserError(f"{where}: stamps reach {furthest:.3g} s; is this the column of the time, in its unit?")
-    step = float(np.median(np.diff(kept)))
+    steps = np.diff(kept)
+    step = float(np.median(steps))
+    if _in_digits(kept, steps, step):
+        raise UserError(
+            f"{where}: counts hours, minutes and seconds as digits (hhmmss.s): {kept[steps.argmax() + 1]:.2f} follows "
+            f"{kept[steps.argmax()]:.2f}; write seconds or hh:mm:ss.s"
+        )
     if step < _RESOLVED * np.spacing(furthest):
         raise UserError(
             f"{where}: a step of {step:.3g} s is lost in the digits of stamps of {furthest:.3g} s; is the unit right? "
             "Else export the time since the start"
         )
     return Clock(kept, of_file, step, tuple(warnings))
+
+
+def _in_digits(time: Floats, steps: Floats, step: float) -> bool:
+    """Return whether stamps are hours, minutes and seconds in digits: 100059.98 is followed by 100100.00."""
+    minutes = np.flatnonzero(steps > 40.0)
+    if not minutes.size or step > 1.0 or (time < 0).any() or ((time % 100.0) >= 60.0).any():
+        return False
+    before, after = time[minutes] % 100.0, time[minutes + 1] % 100.0
+    return bool((before > 50.0).all() and (after < 10.0).all())
+
+
+def by_line(time: Floats, rows: NDArray[np.intp]) -> Floats | None:
+    """Return the instants of equidistant rows whose stamps never fall but repeat, by the line through them.
+
+    Args:
+        time: Stamps in s ``(rows,)``.
+        rows: Numbers of the rows.
+
+    Returns:
+        Instants in s; ``None`` if stamps are off the line by more than the clock's steps.
+    """
+    steps, rows = np.diff(time), rows - rows[0]
+    new = np.flatnonzero(steps > _SAME) + 1  # where a stamp is late by less than a row
+    if len(time) < _FEWEST or len(new) < 2:
+        return None
+    slope = float(np.polyfit(rows[new], time[new] - time[0], 1)[0])
+    for step in (float(f"{slope:.3g}"), slope):
+        if np.ptp(time - time[0] - step * rows) <= _STEPS_OFF * np.median(steps[new - 1]):
+            return np.asarray(time[0] + step * rows)
+    return None
+
+
+def _coarse(time: Floats, rows: NDArray[np.intp], rate: float, said: str) -> Clock:
+    """Return the clock of rows whose stamps repeat: by the rate stated, by a line, or of the last of equal ones.
+
+    Raises:
+        UserError: If the stamps contradict the rate, or there is none and most of the rows would be lost.
+    """
+    instants, steps = by_line(time, rows), np.diff(time)
+    if np.isfinite(rate):
+        stated = time[0] + (rows - rows[0]) / rate
+        if np.ptp(time - stated) > _STEPS_OFF * steps.max():
+            raise UserError(
+                f"{said}; [recording] rate = {rate:g} Hz takes the rows to {stated[-1] - time[0]:.6g} s, the stamps to "
+                f"{time[-1] - time[0]:.6g} s; state the rate of the rows"
+            )
+        return Clock(stated, rows, 1 / rate, (f"{said}; the rows are taken at {rate:g} Hz as stated",))
+    if instants is not None:
+        step = float(np.diff(instants).mean() / np.diff(rows).mean())
+        how = f"the rows are taken at {1 / step:.5g} Hz, by the line through the stamps; if that is wrong, state "
+        return Clock(
+            instants, rows, step * float(np.median(np.diff(rows))), (f'{said}; {how}[recording] rate = "..."',)
+        )
+    last = np.append(steps > _SAME, True)
+    if last.mean() < _LOST:
+        raise UserError(f'{said}; if the rows are equidistant, state [recording] rate = "100 Hz", say')
+    kept = time[last]
+    warning = f"{said}; the last row of each stamp is kept"
+    return Clock(kept, rows[last], float(np.median(np.diff(kept))), (warning,))
 
 
 def updates(values: Floats) -> tuple[Mask, int]:

@@ -24,6 +24,7 @@ from harness.recordings.motion.pose import COURSE, NEEDS, backwards, continued, 
 from harness.recordings.read.channel_map import ChannelMap, load_map
 from harness.recordings.read.channels import Raw, collect, plain_map, to_reference_point
 from harness.recordings.read.clock import Clock
+from harness.recordings.read.file_units import with_file_units
 from harness.recordings.read.in_memory import name_of, tables_of
 from harness.recordings.read.resample import first_order_lag, onto_grid, updated_on_grid
 from harness.recordings.read.span import named_parts, part_of
@@ -86,7 +87,8 @@ def _tables(file: Path, mapping: ChannelMap | None, databases: Sequence[str]) ->
     databases = databases or mapping.databases
     named = {c.channel for c in mapping.channels}
     gears = {c.reverse for c in mapping.channels if c.reverse not in ("", COURSE)}
-    tables = readers.read_tables(file, (named | gears | set(mapping.clocks)).__contains__, databases)
+    clocks = set(mapping.clocks) | {column for column, _ in mapping.added.values()}
+    tables = readers.read_tables(file, (named | gears | clocks).__contains__, databases)
     complete = named <= {n for t in tables for n in t.columns}
     return tables if complete else readers.read_tables(file, databases=databases)
 
@@ -112,6 +114,7 @@ def recording_of(
     if step is not None:
         mapping = replace(mapping, step=step)
     tables = [replace(t, columns=dict(t.columns)) for t in tables]  # their columns are given up
+    mapping, disagreements = with_file_units(mapping, tables, file)
     raws, clock = collect(tables, mapping, file)
     raws, turns = _with_turns(raws)
     grid = _grid(raws, clock, mapping, file)
@@ -148,6 +151,7 @@ def recording_of(
         "warnings": [
             *(note for table in tables for note in table.notes),
             *clock.warnings,
+            *disagreements,
             *(_unknown_turns(gap, start) for gap in turns),
             *_coarse(raws, step, mapping),
             *(w for r in raws for w in _warnings(r, start)),

@@ -19,7 +19,7 @@ from harness.common.components import place_of
 from harness.common.errors import MissingFileError, UserError
 from harness.common.registry import Role
 from harness.recordings.readers._database import bus_and_file
-from harness.recordings.readers._table import NO_MEASUREMENT, Table, Wanted, by_length
+from harness.recordings.readers._table import NO_MEASUREMENT, TEXT_CLOCKS, Table, Wanted, by_length
 
 READERS = Role(
     sys.modules[__name__], "reader", ("SUFFIXES", "read"), "harness/recordings/readers/__init__.py", "readers"
@@ -28,6 +28,7 @@ READERS = Role(
 __all__ = [
     "NO_MEASUREMENT",
     "READERS",
+    "TEXT_CLOCKS",
     "Table",
     "Wanted",
     "bus_and_file",

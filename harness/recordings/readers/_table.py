@@ -14,6 +14,9 @@ NO_MEASUREMENT = 1e30
 """From here on a number is no measurement in any unit: what programs write for a missing one (the largest of its type),
 or a damaged file. Such samples are missing, as NaN and infinite ones are."""
 
+TEXT_CLOCKS = "write seconds, ISO 8601 (2025-05-05T10:00:00.25+02:00) or hh:mm:ss.s"
+"""What to do about a clock of text that is not read."""
+
 MOST_COLUMNS = 10_000
 MOST_BYTES = 8 * 2**30
 """Of a recording, unpacked."""
@@ -28,12 +31,14 @@ class Table:
         units: Units by column as the file states them; empty where it states none.
         clock: Column that holds the time in s, where the format itself says which one it is.
         notes: What is irregular about the file, in sentences.
+        texts: The first cell of each column of text, which is left out.
     """
 
     columns: dict[str, Floats]
     units: dict[str, str] = field(default_factory=dict)
     clock: str | None = None
     notes: tuple[str, ...] = ()
+    texts: dict[str, str] = field(default_factory=dict)
 
 
 def by_length(vectors: dict[str, Floats]) -> list[Table]:

@@ -1,9 +1,10 @@
 """Comma-separated values, plain or gzipped, with or without comment lines and a header.
 
-Separator (comma, semicolon, tab) and, with the latter two, decimal comma are recognised; a file whose commas may as
-well separate thousands is refused. Comment lines (``#``, ``%``, ``//``)
+Separator, decimal sign (a comma where columns are not separated by it), preamble, header and units are recognised
+(``_layout.py``); a file whose commas may as well separate thousands is refused. Comment lines (``#``, ``%``, ``//``)
 before the data are passed over; if the last of them names as many columns as there are, it is the header, as
-``numpy.savetxt`` writes it. Without a header the columns are ``column_1``, ``column_2``, ... A line of units
+``numpy.savetxt`` writes it. Without a header the columns are ``column_1``, ``column_2``, ... Times as text become
+seconds (``_text_clock.py``), rows of time, name and value columns (``_long_form.py``). A line of units
 below the header is returned as the units. The header tells the encoding: UTF-8, or else that of Windows in the west
 of Europe, in which loggers write ``°/s`` and ``m/s²``.
 """
@@ -15,7 +16,6 @@ import gzip
 import io
 import itertools
 import os
-import re
 import warnings
 import zlib
 from collections.abc import Iterator
@@ -27,27 +27,26 @@ import pandas as pd
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.files import refuse_beyond, wide_text
-from harness.common.units import plain_number, separators, separators_in_cell
-from harness.recordings.readers._table import MOST_BYTES, MOST_COLUMNS, NO_MEASUREMENT, Table, Wanted
+from harness.common.units import plain_number, separators_in_cell
+from harness.recordings.readers._layout import MISSING, Layout, is_data, layout_of
+from harness.recordings.readers._long_form import long_form, pivoted
+from harness.recordings.readers._table import MOST_BYTES, NO_MEASUREMENT, Table, Wanted
+from harness.recordings.readers._text_clock import TextClock, is_stamp
 
 _LONGEST_LINE = 2**20
 """Bytes of a line, and of what is read at once."""
 _MOST_UNPACKED = 100
 """Bytes that a byte of a packed table may be unpacked into on average; tables have 3 to 30."""
+_MOST_OF_PREAMBLE = 400
+"""Lines of a preamble and first rows that are looked at."""
 _AT_ONCE = 2**18
 """Rows that are held as text at a time."""
 
-SUFFIXES = (".csv", ".csv.gz", ".txt", ".txt.gz")
+SUFFIXES = (".csv", ".csv.gz", ".txt", ".txt.gz", ".tsv", ".lvm")
 
 _UTF_8, _WINDOWS = "utf-8-sig", "cp1252"
 _BYTES = "latin-1"
 """Takes every byte for one character: to look at lines before their encoding is known."""
-
-_COMMENTS = ("#", "%", "//")
-_MISSING = ["", "nan", "NaN", "NAN", "null", "NA", "N/A", "-"]
-_WITH_POINT = re.compile(r"[+-]?(?:\d+\.\d*|\.\d+)(?:[eE][+-]?\d+)?")
-_WITH_COMMA = re.compile(r"[+-]?(?:\d+,\d*|,\d+)(?:[eE][+-]?\d+)?")
-_MAY_BE_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 
 
 def read(path: str, wanted: Wanted | None = None) -> list[Table]:
@@ -64,38 +63,26 @@ def read(path: str, wanted: Wanted | None = None) -> list[Table]:
     """
     try:
         encoding, head = _head(path)
-        lines, names, separator, decimal, units = _layout(path, encoding, head)
-        if wanted is not None and not any(map(wanted, names)):
-            wanted = None  # for an error that lists them
+        layout = layout_of(path, head, lambda: _lines(path, encoding))
+        long = long_form(layout, head)
+        if long is not None or (wanted is not None and not any(map(wanted, layout.names))):
+            wanted = None  # for a pivot, or for an error that lists them
+        columns = [_Column(path, name, layout.decimal, wanted is None or wanted(name)) for name in layout.names]
+        texts: list[pd.DataFrame] = []
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)
-            chunks = pd.read_csv(
-                _opened(path),
-                chunksize=_AT_ONCE,
-                encoding=encoding,
-                sep=separator,
-                decimal=decimal,
-                skiprows=lines,
-                header=None,
-                names=names,
-                index_col=False,
-                na_values=_MISSING,
-                keep_default_na=False,
-                skipinitialspace=True,
-                on_bad_lines="error",
-                low_memory=False,
-            )
-            columns = [_Column(path, name, decimal, wanted is None or wanted(name)) for name in names]
-            with chunks:
+            with _chunks(path, encoding, layout) as chunks:
                 for chunk in chunks:
                     for column in columns:
                         column.add(chunk[column.name])
+                    if long is not None:
+                        texts.append(chunk[long.texts].astype("category"))
     except pd.errors.EmptyDataError:
         raise UserError(f"{path}: has a header but no row of data") from None
     except pd.errors.ParserWarning:
         raise UserError(
-            f"{path}: the rows hold more cells than the {len(names)} of the header; with decimal commas, separate the "
-            "columns by semicolons or tabs"
+            f"{path}: the rows hold more cells than the {len(layout.names)} of the header; with decimal commas, "
+            "separate the columns by semicolons or tabs"
         ) from None
     except csv.Error as error:
         raise UserError(f"{path}: the first lines are no header of a table: {error}") from None
@@ -106,7 +93,31 @@ def read(path: str, wanted: Wanted | None = None) -> list[Table]:
     except (UnicodeDecodeError, EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise UserError(f"{path}: is damaged or no text in UTF-8 or Windows-1252: {error}") from None
     numbers = {c.name: values for c in columns if (values := c.values()) is not None}
-    return [Table(numbers, {name: unit for name, unit in zip(names, units, strict=False) if unit and name in numbers})]
+    if long is not None:
+        return [pivoted(path, long, numbers, pd.concat(texts, ignore_index=True))]
+    stated = dict(zip(layout.names, layout.units, strict=False)) | {c.name: "s" for c in columns if c.clock is not None}
+    units = {name: stated[name] for name in numbers if stated.get(name)}
+    return [Table(numbers, units, texts={c.name: c.text for c in columns if c.text and c.name not in numbers})]
+
+
+def _chunks(path: str, encoding: str, layout: Layout) -> Any:
+    """Return what reads the rows piece by piece."""
+    return pd.read_csv(
+        _opened(path),
+        chunksize=_AT_ONCE,
+        encoding=encoding,
+        sep=r"\s+" if layout.separator == " " else layout.separator,
+        decimal=layout.decimal,
+        skiprows=layout.before,
+        header=None,
+        names=layout.names,
+        index_col=False,
+        na_values=MISSING,
+        keep_default_na=False,
+        skipinitialspace=True,
+        on_bad_lines="error",
+        low_memory=False,
+    )
 
 
 class _Bounded(io.RawIOBase):
@@ -167,9 +178,23 @@ class _Column:
         self._pieces: list[Floats] = []
         self._rows, self._any, self._whole = 0, False, True
         self._odd: tuple[int, str, float] | None = None
+        self.clock: TextClock | None = None
+        self.text = ""
 
     def add(self, column: pd.Series) -> None:
-        """Add the next rows."""
+        """Add the next rows.
+
+        Raises:
+            UserError: If a row of a column of times is no time.
+        """
+        if self._rows == 0 and not pd.api.types.is_numeric_dtype(column):
+            self.text = next((str(cell) for cell in column if not pd.isna(cell)), "")
+            if self._wanted and is_stamp(self.text):
+                self.clock = TextClock(f"{self._path}: column '{self.name}'")
+        if self.clock is not None:
+            self._rows += len(column)
+            self.clock.add(column)
+            return
         numbers = pd.to_numeric(column, errors="coerce")
         values = np.asarray(numbers.to_numpy(dtype=float, na_value=np.nan))
         missing = np.isnan(values)
@@ -193,8 +218,10 @@ class _Column:
         """Return the numbers ``(rows,)``; ``None`` of a column of text, or where they are not used.
 
         Raises:
-            UserError: If it holds text between numbers.
+            UserError: If it holds text between numbers, or dates that may mean two days.
         """
+        if self.clock is not None:
+            return self.clock.values()
         if self._odd is not None:
             row, cell, value = self._odd
             unclear = separators_in_cell(cell)
@@ -220,17 +247,13 @@ def _lines(path: str, encoding: str) -> Iterator[str]:
             yield line.rstrip("\n")
 
 
-def _is_data(line: str) -> bool:
-    return bool(line.strip()) and not line.lstrip().startswith(_COMMENTS)
-
-
 def _head(path: str) -> tuple[str, list[str]]:
-    """Return the encoding, and the lines up to two past the comments (header, units)."""
-    encoding, lines, plain = _UTF_8, list[str](), 0
+    """Return the encoding, and the lines in which header and units are looked for."""
+    encoding, lines, plain, size = _UTF_8, list[str](), 0, 0
     for line in itertools.islice(_lines(path, _BYTES), 10_000):
         lines.append(line)
-        plain += _is_data(line)
-        if plain == 3:
+        plain, size = plain + is_data(line), size + len(line)
+        if plain >= 3 and (size > _LONGEST_LINE or plain == _MOST_OF_PREAMBLE):
             break
     raw = "\n".join(lines).encode(_BYTES)
     try:
@@ -243,66 +266,6 @@ def _head(path: str) -> tuple[str, list[str]]:
         if b"\0" in raw:  # no text at all
             raise
     return encoding, text.split("\n")
-
-
-def _decimal(path: str, encoding: str, separator: str) -> str:
-    """Return the decimal sign: that of the first number in which it can be nothing else.
-
-    Raises:
-        UserError: If there are commas in numbers, and all of them may separate thousands.
-    """
-    if separator == ",":
-        return "."
-    doubtful = ""
-    for line in filter(_is_data, _lines(path, encoding)):
-        for cell in (c.strip(' "') for c in line.split(separator)):
-            if _WITH_POINT.fullmatch(cell):
-                return "."
-            if _WITH_COMMA.fullmatch(cell):
-                if not _MAY_BE_THOUSANDS.fullmatch(cell):
-                    return ","
-                doubtful = doubtful or cell
-    if doubtful:
-        raise UserError(f"{path}: {separators(doubtful)}")
-    return "."
-
-
-def _layout(path: str, encoding: str, head: list[str]) -> tuple[int, list[str], str, str, list[str]]:
-    """Return how many lines precede the data, the columns' names, separator, decimal sign and the units stated."""
-    data = [n for n, line in enumerate(head) if _is_data(line)]
-    if not data:
-        raise UserError(f"{path}: is empty")
-    first = head[data[0]]
-    body = [head[n] for n in data]
-    separator = next((s for s in (";", "\t") if all(s in line for line in body)), ",")
-    decimal = _decimal(path, encoding, separator)
-    cells = _cells(first, separator)
-    refuse_beyond(path, "the table", len(cells), MOST_COLUMNS, "columns")
-    units: list[str] = []
-    if any(_is_number(c, decimal) for c in cells):
-        comments = [head[n].strip().lstrip("#%/ ") for n in range(data[0]) if head[n].strip()]
-        named = _cells(comments[-1], separator) if comments else []
-        fits = len(named) == len(cells) and (len(cells) > 1 or " " not in named[0])
-        names = named if fits else [f"column_{n + 1}" for n in range(len(cells))]
-        before = data[0]
-    else:
-        names, before = cells, data[0] + 1
-        second = _cells(body[1], separator) if len(data) > 1 else []
-        if second and not any(_is_number(c, decimal) or c in _MISSING[1:] for c in second):
-            units, before = [c.strip("[]()") for c in second], data[1] + 1
-    names = [name or f"column_{n + 1}" for n, name in enumerate(names)]
-    twice = next((name for n, name in enumerate(names) if name in names[:n]), None)
-    if twice is not None:
-        raise UserError(f"{path}: two columns are named '{twice}'; rename one")
-    return before, names, separator, decimal, units
-
-
-def _cells(line: str, separator: str) -> list[str]:
-    return [c.strip() for c in next(csv.reader([line], delimiter=separator))]
-
-
-def _is_number(text: str, decimal: str) -> bool:
-    return plain_number(text.replace(decimal, ".")) is not None
 
 
 def _first_line(error: Exception) -> str:
