@@ -33,6 +33,9 @@ and ahead of its CoG and its width, in m. A vehicle with several sets of
 parameters or sensors that fit exports ``USUAL``, which of them a command takes if none is named:
 ``{"parameters": ..., "sensors": ...}``.
 
+A tyre whose cornering stiffness is in proportion to one of its parameters exports the name as ``STIFFNESS``; studies
+vary the stiffness of an axle by it. A parameter set whose values belong to one tyre exports that as ``TYRE``.
+
 An effect whose parameters belong to a body, an axle, a tyre or a measured output exports ``PLACE``
 (``models/assembly/placement.py``); one whose state is a random process exports ``NOISE``, its variance per second by
 state.

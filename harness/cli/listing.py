@@ -79,6 +79,8 @@ def show(console: Console, role: str, name: str | None = None, here: Path | None
         console.print(Text(f"{name}: {summary(component)}"))
         console.print(Text(f"from {_origin(component)}" if component.path is None else f"in {component.path}"))
         _details(console, role, name)
+        if role == "parameters":
+            _axles(console, name)
     else:
         components_ = LISTED[role].components()
         _table(console, role, _HEADINGS, [(n, summary(c), _origin(c)) for n, c in components_.items()])
@@ -188,6 +190,19 @@ def _parameter_set(console: Console, name: str, vehicle: str, values: dict[str, 
         p = declared.get(parameter)
         rows.append((parameter, f"{value:g}", _unit(p.unit) if p else "", p.meaning if p else ""))
     _table(console, f"values of {name} ({vehicle})", ("parameter", "value", "unit", "meaning"), rows)
+
+
+def _axles(console: Console, name: str) -> None:
+    """Print what follows from a set for the axles: studies may vary it in place of the tyres' parameters."""
+    from harness.config import complete, largest_sensors, resolve_single
+    from harness.config.derived import axle_parameters, axle_values
+
+    table = complete({"vehicle": LISTED["parameters"].load(name).VEHICLE, "parameters": name}, choose_sensors=False)[0]
+    spec = resolve_single({"sensors": largest_sensors(table), **table}, name)
+    declared, values = axle_parameters(spec), axle_values(spec)
+    if values:
+        rows = [(n, f"{values[n]:g}", p.unit, p.meaning) for n, p in declared.items()]
+        _table(console, f"axles of {name} with {spec.tyre}", ("quantity", "value", "unit", "meaning"), rows)
 
 
 def _signals(console: Console) -> None:

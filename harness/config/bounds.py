@@ -62,7 +62,7 @@ def loading(vehicle: str, values: Mapping[str, float]) -> dict[str, float]:
     return dict(VEHICLES.load(vehicle).loading(values)) if loading_parameters(vehicle) else {}
 
 
-def settled(vehicle: str, values: Mapping[str, float], varied: Mapping[str, Any]) -> dict[str, Any]:
+def settled_load(vehicle: str, values: Mapping[str, float], varied: Mapping[str, Any]) -> dict[str, Any]:
     """Return the parameters that change when some quantities are given other values.
 
     Args:

@@ -6,17 +6,12 @@ import itertools
 import math
 from dataclasses import replace
 
-from harness.config.bounds import (
-    broken_relations,
-    loading,
-    loading_parameters,
-    out_of_bounds,
-    settled,
-)
+from harness.config.bounds import broken_relations, loading_parameters, out_of_bounds
+from harness.config.derived import derived_parameters, derived_value, settled
 from harness.config.factors import Models, form, resolve_factor
 from harness.config.problems import Problems
 from harness.config.schema import DesignTable
-from harness.config.specs import NOISE_SCALES, DesignSpec, FactorSpec
+from harness.config.specs import NOISE_SCALES, DesignSpec, FactorSpec, ModelSpec
 
 BOXES = 8
 """Nested boxes of a tolerance design, unless the study says otherwise."""
@@ -77,19 +72,27 @@ def _refuse_twice(raw: DesignTable, key: str, models: Models, problems: Problems
 
 
 def _refuse_following(raw: DesignTable, key: str, models: Models, problems: Problems) -> None:
-    """A value that follows from a varied load may have no factor of its own."""
+    """A value that follows from a varied load or stiffness may have no factor of its own."""
     for i, table in enumerate(raw.factor):
         for side, spec in models.sides(table.of).items():
-            if table.parameter not in loading_parameters(spec.vehicle):
+            derived, load = derived_parameters(spec), loading_parameters(spec.vehicle)
+            if table.parameter not in derived:
                 continue
-            followers = settled(spec.vehicle, spec.values, loading(spec.vehicle, spec.values))
+            followers = _followers(spec, table.parameter)
             for j, other in enumerate(raw.factor):
-                if other.parameter in followers and other.of in (side, "both"):
+                if j == i or other.of not in (side, "both") or {table.parameter, other.parameter} <= load.keys():
+                    continue
+                if followers & (_followers(spec, other.parameter) if other.parameter in derived else {other.parameter}):
                     problems.add(
                         f"{key}.factor[{j}].parameter",
                         f"'{other.parameter}' of the {side} follows from '{table.parameter}', which {key}.factor[{i}] "
                         "varies; remove one of the two",
                     )
+
+
+def _followers(spec: ModelSpec, name: str) -> set[str]:
+    """Return the parameters that follow from a quantity of ``derived_parameters``."""
+    return set(settled(spec, {name: derived_value(spec, name)}))
 
 
 def _check_bands(raw: DesignTable, design: DesignSpec, key: str, problems: Problems) -> None:
@@ -195,20 +198,20 @@ def _towards(factor: FactorSpec, edge: float, share: float) -> float:
 
 
 def _check_relations(raw: DesignTable, design: DesignSpec, key: str, models: Models, problems: Problems) -> None:
-    """Ask the vehicle's ``check`` at the corners of every band, and for the bounds of what follows from a load."""
+    """Ask the vehicle's ``check`` at the corners of every band, and for the bounds of what follows from them."""
     for band in range(design.bands):
         for side, spec in (("plant", models.plant), ("belief", models.belief)):
             varied = [f for f in design.factors if f.of in (side, "both") and f.parameter not in NOISE_SCALES]
             bounds = {p.name: p for p in spec.model().parameters}
             wrong: dict[str, str] = {}
             for corner in _corners(varied, band):
-                changed = settled(spec.vehicle, spec.values, corner)
+                changed = settled(spec, corner)
                 for name, message in broken_relations(spec.vehicle, {**spec.values, **changed}):
                     wrong.setdefault(name, message)
                 for name in changed.keys() - corner.keys():
                     beyond = out_of_bounds(bounds[name], changed[name])
                     if beyond is not None:
-                        wrong.setdefault(name, f"{beyond}; it follows from the load")
+                        wrong.setdefault(name, f"{beyond}; it follows from what is varied")
             for name, message in wrong.items():
                 at = next((i for i, f in enumerate(raw.factor) if f.parameter == name), None)
                 place = f"{key}.factor"

@@ -9,7 +9,8 @@ from typing import Any
 
 from harness.common.errors import UserError
 from harness.common.registry import closest
-from harness.config.bounds import loading, loading_parameters, out_of_bounds
+from harness.config.bounds import out_of_bounds
+from harness.config.derived import derived_parameters, derived_value
 from harness.config.problems import Problems
 from harness.config.schema import FactorTable
 from harness.config.specs import NOISE_SCALES, FactorSpec, ModelSpec, Side
@@ -126,7 +127,7 @@ def _check_noise(table: FactorTable, key: str, models: Models, problems: Problem
 
 def is_believed(name: str, belief: ModelSpec) -> bool:
     """Return whether a belief holds what a factor varies, so that the nominal value is its."""
-    return name in NOISE_SCALES or name in belief.values or name in loading_parameters(belief.vehicle)
+    return name in NOISE_SCALES or name in belief.values or name in derived_parameters(belief)
 
 
 def _nominal(name: str, models: Models) -> float:
@@ -134,8 +135,8 @@ def _nominal(name: str, models: Models) -> float:
     for spec in (models.belief, models.plant):
         if name in spec.values:
             return spec.values[name]
-        if name in loading_parameters(spec.vehicle):
-            return loading(spec.vehicle, spec.values)[name]
+        if name in derived_parameters(spec):
+            return derived_value(spec, name)
     return float("nan")
 
 
@@ -145,7 +146,7 @@ def _parameter(table: FactorTable, key: str, models: Models, problems: Problems)
         return Parameter(table.parameter, *list(vars(_SCALE).values())[1:])
     parameter = None
     for side, spec in models.sides(table.of).items():
-        parameters = {p.name: p for p in spec.model().parameters} | loading_parameters(spec.vehicle)
+        parameters = derived_parameters(spec) | {p.name: p for p in spec.model().parameters}
         if table.parameter not in parameters:
             choices = [*parameters, *NOISE_SCALES]
             problems.add(

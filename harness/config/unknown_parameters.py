@@ -8,7 +8,7 @@ from typing import Any
 from harness.common import registry
 from harness.common.errors import ModelError
 from harness.common.units import to_si
-from harness.config.bounds import loading, loading_parameters, quantity, settled
+from harness.config.bounds import loading, loading_parameters, quantity, settled_load
 from harness.config.parameter_set import RELATIVE_STD
 from harness.config.problems import Problems
 from harness.config.schema import UncertainTable
@@ -116,7 +116,7 @@ def _refuse_following(
     if not of_load:
         return
     try:
-        follows = settled(vehicle, values, of_load)
+        follows = settled_load(vehicle, values, of_load)
     except ModelError as error:
         problems.add(next(iter(stated.values()))[0], str(error))
         return

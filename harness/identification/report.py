@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from harness.identification import figures
+from harness.identification.axles import axle_sheet
 from harness.identification.contract import Estimate, Fit
 from harness.identification.free_run import BLOCK, FEWEST
 from harness.identification.measured_file import SpanTable
@@ -113,7 +114,7 @@ def parameters(fit: Fit) -> list[Block]:
     """Return the values that were found."""
     physical = [e for e in fit.estimates if e.name in fit.spec.values]
     noise = [e for e in fit.estimates if e.name not in fit.spec.values]
-    blocks: list[Block] = [_sheet(physical, "Parameters before and after the fit")]
+    blocks: list[Block] = [_sheet(physical, "Parameters before and after the fit"), *axle_sheet(fit)]
     if any(e.profile is not None for e in physical):
         blocks.append(
             Drawing(

@@ -16,6 +16,7 @@ from harness.common.files import write_files
 from harness.common.series import packed
 from harness.common.statistics import grows
 from harness.config.parameter_set import set_text
+from harness.identification.axles import axle_estimates
 from harness.identification.contract import Estimate, Fit, Problem
 from harness.identification.data import DriveData
 from harness.identification.filtered_model import Candidates, Each, FilteredModel, FilterRun, for_each
@@ -255,6 +256,16 @@ def record(fit: Fit, judged: list[Judged]) -> dict[str, Any]:
                 "reason": e.reason,
             }
             for e in fit.estimates
+        ],
+        "axles": [
+            {
+                "name": a.name,
+                "unit": a.unit,
+                "start": _number(a.start),
+                "value": _number(a.value),
+                "standard_error": _number(a.error),
+            }
+            for a in axle_estimates(fit)
         ],
         "correlation": [[_number(c) for c in row] for row in fit.correlation],
         "drives": [

@@ -25,7 +25,7 @@ import numpy as np
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.files import write_files
-from harness.config.bounds import loading_parameters, settled
+from harness.config.bounds import loading_parameters, settled_load
 from harness.engine.simd.lanes import LANES
 from harness.estimation.information import smallest_covariance
 from harness.simulation.simulate import first_state
@@ -231,7 +231,7 @@ def _true_values(evaluator: StudyEvaluator, plant: Floats, believed: Floats) -> 
     study = evaluator.study
     uncertain = {s.name: s.believed for s in study.belief.parameter_states}
     loads = {n: v for n, v in uncertain.items() if n in loading_parameters(study.belief.vehicle)}
-    kept = {*uncertain, *(settled(study.belief.vehicle, study.belief.values, loads) if loads else ())}
+    kept = {*uncertain, *(settled_load(study.belief.vehicle, study.belief.values, loads) if loads else ())}
     names, values = study.plant.model().parameter_names, believed.copy()
     for i, name in enumerate(study.belief.model().parameter_names):
         if name in names and name not in kept:

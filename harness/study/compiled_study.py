@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from harness.common.arrays import Floats
 from harness.common.errors import ModelError, UserError, placed
 from harness.config import NOISE_SCALES, DesignSpec, ModelSpec, StudySpec
-from harness.config.bounds import loading, settled
+from harness.config.bounds import loading
+from harness.config.derived import settled
 from harness.engine.compile import CompiledModel, compile_model
 from harness.engine.simd.lanes import LANES
 from harness.estimation.filters import estimator_of
@@ -85,7 +86,7 @@ def held_by(
             scaled[factor.parameter] *= values[:, column, None]
         else:
             varied[factor.parameter] = values[:, column]
-    for name, changed in settled(spec.vehicle, spec.values, varied).items():
+    for name, changed in settled(spec, varied).items():
         parameters[:, names.index(name)] = changed
     first = first_state(model, parameters.T, profile).T
     parts = (in_batches(rows) for rows in (parameters, process, measurement, first, inputs))

@@ -16,6 +16,8 @@ from harness.models.tyres._stiffness import STIFFNESS_PARAMETERS, stiffness
 
 PARAMETERS: tuple[Parameter, ...] = STIFFNESS_PARAMETERS
 
+STIFFNESS = "stiffness_peak"
+
 
 def lateral_force(t: TyreContext) -> sp.Expr:
     """Return the steady lateral force ``3 mu F_z (s - s |s| + s^3 / 3)`` in N, constant beyond ``|s| = 1``."""

@@ -13,6 +13,8 @@ from harness.models.tyres._stiffness import STIFFNESS_PARAMETERS, stiffness
 
 PARAMETERS: tuple[Parameter, ...] = STIFFNESS_PARAMETERS
 
+STIFFNESS = "stiffness_peak"
+
 
 def lateral_force(t: TyreContext) -> sp.Expr:
     """Return the steady lateral force ``C_F tan(alpha)`` in N; the slip angle makes a force to its own side."""

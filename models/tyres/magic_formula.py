@@ -16,6 +16,8 @@ PARAMETERS: tuple[Parameter, ...] = (
     *STIFFNESS_PARAMETERS,
 )
 
+STIFFNESS = "stiffness_peak"
+
 
 def lateral_force(t: TyreContext) -> sp.Expr:
     """Return the steady lateral force ``D sin(C atan(B tan(alpha)))`` in N (4.3 with E = 0)."""

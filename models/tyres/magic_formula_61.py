@@ -53,6 +53,8 @@ PARAMETERS: tuple[Parameter, ...] = (
     ),
 )
 
+STIFFNESS = "pky1"
+
 
 def lateral_force(t: TyreContext) -> sp.Expr:
     """Return the steady lateral force ``n (D sin(C atan(B a - E (B a - atan(B a)))) + S_Vg)`` in N (4.E19)."""

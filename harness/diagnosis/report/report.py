@@ -15,6 +15,7 @@ from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.result.record import equation
 from harness.diagnosis.selection.acceptance import Candidate
 from harness.identification import figures as fit_figures
+from harness.identification.axles import axle_comparison
 from harness.identification.report import coloured_outputs, whiteness_sheet
 from harness.models.quantities import quantity, words
 from harness.reporting import style
@@ -53,6 +54,7 @@ def report(outcome: Outcome, command: str, title: str = "", answer: str = "", ev
         Section(lambda: _estimators(outcome), "How large are the errors of the estimators?", headed=False),
         *evidence,
         Section(lambda: _additions(outcome), "How large is it?"),
+        Section(lambda: _axles(outcome), "What follows for the axles?", headed=False),
         Section(lambda: residual_sections.unmodelled(outcome), "Which disturbance is not in the library?"),
         Section(lambda: study_gain.blocks(outcome.study_gain), "What does the amendment gain in a study?"),
         Section(lambda: residual_sections.where(outcome), "Where is something missing?"),
@@ -125,6 +127,11 @@ def _additions(outcome: Outcome) -> list[Block]:
             before, after = (_breakable(text[k]) for k in ("before", "after"))
             blocks.append(Listing(f"{port}\n  before  {before}\n  after   {after}"))
     return blocks
+
+
+def _axles(outcome: Outcome) -> list[Block]:
+    stated = outcome.trace.fitting.augmented.spec
+    return axle_comparison({"stated": stated, "refitted": outcome.nominal, "amended": outcome.amended})
 
 
 def _breakable(equation: str) -> str:
