@@ -28,6 +28,7 @@ from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.files import refuse_beyond, wide_text
 from harness.common.units import plain_number, separators_in_cell
+from harness.recordings.readers import vbo
 from harness.recordings.readers._layout import MISSING, Layout, is_data, layout_of
 from harness.recordings.readers._long_form import long_form, pivoted
 from harness.recordings.readers._table import MOST_BYTES, NO_MEASUREMENT, Table, Wanted
@@ -63,6 +64,8 @@ def read(path: str, wanted: Wanted | None = None) -> list[Table]:
     """
     try:
         encoding, head = _head(path)
+        if vbo.is_vbo(head) and not path.lower().endswith(".gz"):
+            return vbo.read(path)
         layout = layout_of(path, head, lambda: _lines(path, encoding))
         long = long_form(layout, head)
         if long is not None or (wanted is not None and not any(map(wanted, layout.names))):
