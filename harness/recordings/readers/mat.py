@@ -7,6 +7,8 @@ structures with time. Objects (``timeseries``, data sets) only MATLAB reads; wha
 from __future__ import annotations
 
 import math
+import struct
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
@@ -22,6 +24,8 @@ from harness.recordings.readers._table import MOST_BYTES, MOST_COLUMNS, Table, b
 
 SUFFIXES = (".mat",)
 
+_COMPRESSED = 15
+"""Kind of an element that zlib packed."""
 _SHORTEST = 10
 """Samples of an array whose first row or column is the time."""
 _WIDEST = 0.5
@@ -93,7 +97,10 @@ def read(path: str) -> list[Table]:
     content = _Content()
     with refuse_damaged(path, "MATLAB file"):
         try:
-            claimed = sum(8 * math.prod(shape or ()) for _, shape, _ in scipy.io.whosmat(path))
+            try:
+                claimed = sum(8 * math.prod(shape) for _, shape, _ in scipy.io.whosmat(path))
+            except TypeError:  # which it raises of an object, whose shape it does not know
+                claimed = _unpacked(path)
             refuse_beyond(path, "the file, unpacked,", claimed, MOST_BYTES, "bytes")
             variables = scipy.io.loadmat(path, squeeze_me=True, struct_as_record=False)
         except NotImplementedError:  # how SciPy says version 7.3
@@ -128,6 +135,22 @@ def read(path: str) -> list[Table]:
     if tables and said:
         tables[0] = Table(tables[0].columns, notes=tuple(f"left out: {each}" for each in said[:3]))
     return tables
+
+
+def _unpacked(path: str) -> int:
+    """Return the bytes that the variables of a file of version 5 to 7.2 are unpacked into, or more than any may."""
+    total = 128
+    with open(path, "rb") as file:
+        file.seek(total)
+        while len(tag := file.read(8)) == 8 and total <= MOST_BYTES:
+            kind, size = struct.unpack("<II", tag)
+            packed, unpacking = file.read(size), zlib.decompressobj()
+            if kind != _COMPRESSED:
+                total += size
+            while kind == _COMPRESSED and packed and not unpacking.eof and total <= MOST_BYTES:
+                total += len(unpacking.decompress(packed, 2**20))
+                packed = unpacking.unconsumed_tail
+    return total
 
 
 def _datasets(group: h5py.Group) -> Iterator[h5py.Dataset]:
