@@ -154,6 +154,13 @@ def test_a_wrong_database_says_how_many_frames_it_knows(log, tmp_path):
     assert "0x7AB" in notes[0]
 
 
+def test_stamps_relative_to_the_line_before_are_refused(log, tmp_path):
+    path = tmp_path / "relative.asc"
+    path.write_text(log[2]["asc"].read_text(encoding="utf-8").replace("absolute", "relative"), encoding="utf-8")
+    with pytest.raises(UserError, match="export it with absolute stamps"):
+        readers.read_tables(path, None, [str(log[1])])
+
+
 @pytest.mark.parametrize("kind", ["kcd", "sym"])
 def test_other_databases_give_the_same_signals(log, tmp_path, kind):
     loaded = cantools.database.load_string(bus_logs.DBC, "dbc")

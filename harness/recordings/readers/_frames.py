@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import islice
 from typing import Any
@@ -52,26 +52,27 @@ class Frames:
 
 
 Part = tuple[Floats, NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
-"""Some frames: stamps, identifiers, names or numbers of their bus, lengths, and bytes ``(frames, longest)``."""
+"""Some frames: stamps, identifiers, numbers of their bus, lengths, and bytes ``(frames, longest)``."""
 
 
-def joined(parts: Iterable[Part], path: str, what: str) -> Frames:
+def joined(parts: Iterable[Part], path: str, what: str, name: Callable[[int], str] = str) -> Frames:
     """Return the frames of the parts of a file.
 
     Args:
         parts: In the order of the file.
         path: File, for errors.
         what: Format, such as ``BLF file``.
+        name: Gives the name of a bus by its number, once all parts are read.
 
     Raises:
         UserError: If there is no frame, or more than any recording holds.
     """
     columns: list[list[Any]] = [[] for _ in range(6)]
-    names: dict[str, int] = {}
+    places: dict[int, int] = {}
     held = 0
     for time, identifier, bus, length, octets in parts:
         own, inverse = np.unique(bus, return_inverse=True)
-        numbers = np.array([names.setdefault(str(name), len(names)) for name in own], dtype=np.int16)
+        numbers = np.array([places.setdefault(number, len(places)) for number in own.tolist()], dtype=np.int16)
         width = octets.shape[1]
         start = held + np.arange(len(time), dtype=np.int64) * width
         used = np.minimum(length, width).astype(np.uint8)
@@ -83,36 +84,40 @@ def joined(parts: Iterable[Part], path: str, what: str) -> Frames:
     if not held and not any(map(len, columns[0])):
         raise UserError(f"{path}: holds no CAN frame with data; is this the {what} of a CAN bus?")
     time, identifier, bus, length, start, payload = (np.concatenate(column) for column in columns)
-    return Frames(time, identifier, bus, tuple(names), length, start, payload)
+    return Frames(time, identifier, bus, tuple(map(name, places)), length, start, payload)
 
 
-def of_library(path: str, what: str, reader: Any, first_bus: int = 0) -> Frames:
+def of_library(messages: Iterable[Any], path: str, what: str, first_bus: int = 0) -> Frames:
     """Return the frames that a reader of python-can yields; error and remote frames are left out.
 
     Args:
-        path: File.
+        messages: The reader.
+        path: File, for errors.
         what: Format, such as ``ASC log``.
-        reader: Class of python-can.
         first_bus: Number in the file of the bus that python-can counts as 0.
 
     Raises:
         UserError: As ``joined``.
     """
-    with reader(path) as messages:
-        data = (m for m in messages if not (m.is_error_frame or m.is_remote_frame))
-        return joined(_parts(data, first_bus), path, what)
+    channels: dict[Any, int] = {}
+    data = (m for m in messages if not (m.is_error_frame or m.is_remote_frame))
+
+    def name(number: int) -> str:
+        channel = list(channels)[number]
+        return str(channel + first_bus if isinstance(channel, int) else channel)
+
+    return joined(_parts(data, channels), path, what, name)
 
 
-def _parts(messages: Iterator[Any], first_bus: int) -> Iterator[Part]:
+def _parts(messages: Iterator[Any], channels: dict[Any, int]) -> Iterator[Part]:
     while batch := list(islice(messages, _AT_ONCE)):
         length = np.array([len(m.data) for m in batch], dtype=np.uint8)
         width = max(int(length.max()), 1)
-        octets = np.frombuffer(b"".join(m.data.ljust(width, b"\0") for m in batch), dtype=np.uint8)
-        identifier = [m.arbitration_id | EXTENDED * m.is_extended_id for m in batch]
+        octets = np.frombuffer(b"".join([m.data.ljust(width, b"\0") for m in batch]), dtype=np.uint8)
         yield (
             np.array([m.timestamp for m in batch], dtype=float),
-            np.array(identifier, dtype=np.uint32),
-            np.array([m.channel + first_bus if isinstance(m.channel, int) else str(m.channel) for m in batch]),
+            np.array([m.arbitration_id | EXTENDED * m.is_extended_id for m in batch], dtype=np.uint32),
+            np.array([channels.setdefault(m.channel, len(channels)) for m in batch]),
             length,
             octets.reshape(len(batch), width),
         )

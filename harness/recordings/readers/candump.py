@@ -19,6 +19,6 @@ def read(path: str, wanted: Wanted | None = None, databases: Sequence[str] = ())
         UserError: If python-can is not installed, the file is damaged, or no database fits.
     """
     reader = python_can(path).CanutilsLogReader
-    with refuse_damaged(path, "candump log"):
-        frames = of_library(path, "candump log", reader)
+    with refuse_damaged(path, "candump log"), reader(path) as messages:
+        frames = of_library(messages, path, "candump log")
     return decoded(path, frames, databases, wanted)

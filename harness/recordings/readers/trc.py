@@ -19,6 +19,6 @@ def read(path: str, wanted: Wanted | None = None, databases: Sequence[str] = ())
         UserError: If python-can is not installed, the file is damaged, or no database fits.
     """
     reader = python_can(path).TRCReader
-    with refuse_damaged(path, "TRC log"):
-        frames = of_library(path, "TRC log", reader)
+    with refuse_damaged(path, "TRC log"), reader(path) as messages:
+        frames = of_library(messages, path, "TRC log")
     return decoded(path, frames, databases, wanted)
