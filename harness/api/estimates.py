@@ -201,14 +201,15 @@ class Estimates(Shown):
         self,
         folder: str | Path,
         command: str = IN_PYTHON,
-        form: Literal["csv", "parquet", "nc"] = "csv",
+        form: Literal["csv", "parquet", "nc", "mf4", "mcap"] = "csv",
     ) -> list[Path]:
         """Write ``report.html``, ``report.pdf``, ``estimate.json`` and a file per recording and estimator.
 
         Args:
             folder: Where to; the estimates over time go to ``estimates`` in it.
             command: How it was made, as the report says.
-            form: Of the estimates: ``csv`` and ``parquet`` have a column per variable, ``nc`` keeps CF attributes.
+            form: Of the estimates: ``nc`` keeps CF attributes, the others have a column per variable; ``mf4``, ``mcap``
+                and the column ``log_time`` of ``parquet`` have the stamps of the log.
 
         Returns:
             Their paths.

@@ -30,7 +30,7 @@ class SimulateOptions:
 
     model: VehicleOptions
     drive: Annotated[str, typer.Option("--drive", help="Kind of drive; harness list drives shows them.")]
-    out: Annotated[Path, typer.Option("--out", "-o", help="File to write: .csv, .parquet or .nc.")]
+    out: Annotated[Path, typer.Option("--out", "-o", help="File to write: .csv, .parquet, .nc, .mf4 or .mcap.")]
     options: DriveOption = None
     signals: SignalOption = None
     seed: Annotated[

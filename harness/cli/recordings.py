@@ -69,7 +69,8 @@ class EstimateOptions(RecordedOptions):
         ),
     ] = None
     form: Annotated[
-        Literal["csv", "parquet", "nc"], typer.Option("--format", help="Of the files with the estimates over time.")
+        Literal["csv", "parquet", "nc", "mf4", "mcap"],
+        typer.Option("--format", help="Of the files with the estimates over time."),
     ] = "csv"
     seed: SeedOption = 0
 
@@ -90,7 +91,9 @@ def estimate(task: EstimateOptions) -> None:
     state or port of its name. Writes one file for each estimator and recording, estimate.json and a report.
     """
     from harness.api.estimates import estimate as estimated
+    from harness.recordings.read.write import check_packages
 
+    check_packages(task.form)
     estimators = [_estimator(text) for text in task.estimators]
     references = {k: str(v) for k, v in pairs(task.references, "--reference").items()}
     with showing(Console(stderr=True), "reading"):

@@ -286,7 +286,7 @@ def _named(names: Sequence[str]) -> str:
     return listed([words(n) for n in names])
 
 
-Format = Literal["csv", "parquet", "nc"]
+Format = Literal["csv", "parquet", "nc", "mf4", "mcap"]
 
 
 def as_columns(run: xr.Dataset) -> xr.Dataset:
@@ -305,8 +305,8 @@ def write_estimates(folder: Path, runs: Sequence[xr.Dataset], form: Format) -> l
     Args:
         folder: Made if absent.
         runs: From ``harness.recorded.run.RecordedEstimator.run``.
-        form: ``csv`` and ``parquet`` have a column for each variable, in SI units; ``nc`` keeps units and provenance
-            as CF attributes.
+        form: ``nc`` keeps units and provenance as CF attributes; the others have a column for each variable, in SI
+            units, see ``write_recording``.
 
     Raises:
         UserError: If a file cannot be written.

@@ -229,9 +229,9 @@ class RecordedEstimator:
                 normalised estimation error squared of all signals with a reference together
 
             Attributes: ``estimator``, ``settings``, ``model``, ``parameters`` (their set), ``estimated_parameters``,
-            ``recording``, ``diverged_at`` (s, NaN if it did not), ``log_likelihood`` (sum), ``repairs`` (samples with a
-            covariance factor that had to be repaired), ``updates`` (samples with a measurement), ``inputs``,
-            ``comment``.
+            ``recording``, ``start`` and ``begun`` (as of it), ``diverged_at`` (s, NaN if it did not),
+            ``log_likelihood`` (sum), ``repairs`` (samples with a covariance factor that had to be repaired),
+            ``updates`` (samples with a measurement), ``inputs``, ``comment``.
 
         Raises:
             UserError: If a signal is missing, an input has a gap, or the step is not the model's.
@@ -293,6 +293,7 @@ class RecordedEstimator:
             "estimated_parameters": ", ".join(spec.estimated_parameters),
             "recording": about,
             "source": str(recording.attrs.get("source", "")),
+            **{name: recording.attrs[name] for name in ("start", "begun") if name in recording.attrs},
             "diverged_at": float(drive.time[until]) if until < len(drive.time) else _NOTHING_KNOWN,
             "log_likelihood": float(likelihood.sum()) if estimator.has_covariance else _NOTHING_KNOWN,
             "repairs": int(np.nansum(kept.facts[:, 3])),

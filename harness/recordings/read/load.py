@@ -63,7 +63,8 @@ def load_recording(
         ``missing_share``, ``spikes``, ``delay`` and ``delay_std`` (s), ``point``, ``includes_gravity``. Where not every
         sample was measured, the coordinate ``updated_<signal>`` says which were; the others are joined. Attributes of
         the dataset: ``title``, ``source``, ``file``, ``reference``, ``start`` (first stamp in s), ``warnings`` (list of
-        sentences), ``name``, and of a part ``span`` (begin and end in s).
+        sentences), ``name``, of a part ``span`` (begin and end in s), and where the format says when its clock was zero
+        ``begun`` (s since 1970).
 
     Raises:
         UserError: If source or map cannot be read, or do not fit each other; with file, key or column, and remedy.
@@ -159,6 +160,8 @@ def recording_of(
             *_unknown_points(mapping),
         ],
     }
+    if (begun := next((t.begun for t in tables if t.begun is not None), None)) is not None:
+        recording.attrs["begun"] = begun
     return recording.isel(time=covered)
 
 

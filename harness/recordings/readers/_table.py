@@ -31,6 +31,7 @@ class Table:
         units: Units by column as the file states them; empty where it states none.
         clock: Column that holds the time in s, where the format itself says which one it is.
         notes: What is irregular about the file, in sentences.
+        begun: When the clock was zero, in s since 1970, where the format says so.
         texts: The first cell of each column of text, which is left out.
     """
 
@@ -38,6 +39,7 @@ class Table:
     units: dict[str, str] = field(default_factory=dict)
     clock: str | None = None
     notes: tuple[str, ...] = ()
+    begun: float | None = None
     texts: dict[str, str] = field(default_factory=dict)
 
 

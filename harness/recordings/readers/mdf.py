@@ -61,9 +61,10 @@ def read(path: str, wanted: Wanted | None = None, databases: Sequence[str] = ())
         with MDF(path, temporary_folder=folder) as file:
             _refuse_sizes(file, path)
             tables, frames = _tables(file), _frames(file, path)
-    if frames is None or (tables and not databases):
-        return tables
-    return tables + decoded(path, frames, databases, wanted)
+            begun = file.header.start_time.timestamp()
+    if frames is not None and (databases or not tables):
+        tables += decoded(path, frames, databases, wanted)
+    return [replace(table, begun=begun) for table in tables]
 
 
 def _refuse_circles(path: str) -> None:

@@ -15,6 +15,8 @@ SUFFIXES = (".parquet", ".pq")
 def read(path: str) -> list[Table]:
     """Return the numeric and boolean columns of a Parquet file; nulls are NaN, other columns are left out.
 
+    A unit is the entry ``unit`` of the metadata of a column.
+
     Raises:
         UserError: If the file is no Parquet file.
     """
@@ -26,8 +28,11 @@ def read(path: str) -> list[Table]:
         refuse_beyond(path, "the table", 8 * about.num_columns * about.num_rows, MOST_BYTES, "bytes")
         table = file.read()
     columns: dict[str, Floats] = {}
+    units: dict[str, str] = {}
     for field, column in zip(table.schema, table.columns, strict=True):
         kind = field.type
         if pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind):
             columns[field.name] = column.cast(pa.float64()).to_numpy().copy()
-    return [Table(columns)]
+            if unit := (field.metadata or {}).get(b"unit", b"").decode(errors="replace"):
+                units[field.name] = unit
+    return [Table(columns, units)]
