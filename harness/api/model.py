@@ -256,17 +256,8 @@ class Model(Shown):
         Raises:
             UserError: If it cannot be written.
         """
-        from harness.common.files import write_files
-
-        path = Path(path)
-        means = {
-            name: f"{unit}, {lower:g} to {upper:g}; {meaning}".removeprefix("dimensionless, ")
-            for name, _, unit, lower, upper, meaning in self.parameters.itertuples()
-        }
-        noise = {("process_noise", n): f"({SIGNALS[n].unit})^2 a step" for n in self.states if n in SIGNALS}
-        noise |= {("measurement_noise", n): f"({SIGNALS[n].unit})^2" for n in self.outputs if n in SIGNALS}
-        (written,) = write_files(path.parent, {path.name: set_text(self._checked, source, means, noise)})
-        return written
+        self.outputs  # noqa: B018 - refuses a model whose sensors are not decided
+        return write_set(self._checked, Path(path), source)
 
     def resolved_for(self, recordings: Sequence[Iterable[Hashable]], believed: bool = False, **keys: Any) -> ModelSpec:
         """Return the record for recordings, with further keys where they were not stated (internal).
@@ -304,6 +295,21 @@ class Model(Shown):
 
     def _state(self) -> Any:
         return self.stated, self._checked
+
+
+def write_set(spec: ModelSpec, path: Path, source: str) -> Path:
+    """Write a resolved record as a parameter file (internal)."""
+    from harness.common.files import write_files
+
+    model = spec.model()
+    means = {
+        p.name: f"{p.unit}, {p.lower:g} to {p.upper:g}; {p.meaning}".removeprefix("dimensionless, ")
+        for p in model.parameters
+    }
+    noise = {("process_noise", n): f"({SIGNALS[n].unit})^2 a step" for n in model.states if n in SIGNALS}
+    noise |= {("measurement_noise", n): f"({SIGNALS[n].unit})^2" for n in model.outputs if n in SIGNALS}
+    (written,) = write_files(path.parent, {path.name: set_text(spec, source, means, noise)})
+    return written
 
 
 def model_of(spec: ModelSpec) -> Model:

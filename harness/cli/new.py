@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import keyword
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Literal
@@ -11,7 +12,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from harness.cli.options import DatabaseOption, ModelOptions, ParametersOption, TyreOption
+from harness.cli.options import DatabaseOption, ModelOptions, ParametersOption
 from harness.common import locations
 from harness.common.errors import UserError
 from harness.common.files import write_files
@@ -80,7 +81,15 @@ def new(
     ] = None,
     model: Annotated[str | None, typer.Option("--model", "-m", help="For parameters: the vehicle they are of.")] = None,
     parameters: ParametersOption = None,
-    tyre: TyreOption = None,
+    tyres: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--tyre",
+            metavar="NAME|[AXLE=]FILE[,twin]",
+            help="For parameters: a tyre, or tyre property files (.tir), repeatable: one for all axles, one each from "
+            "front to rear, or by name, 12=drive.tir; ,twin behind one for twin tyres.",
+        ),
+    ] = None,
     databases: DatabaseOption = None,
     form: Annotated[
         Form,
@@ -106,7 +115,7 @@ def new(
         )
     if form != "kernels" and kind != "estimator":
         raise UserError("--kind is for estimators")
-    if kind != "parameters" and (model or parameters or tyre):
+    if kind != "parameters" and (model or parameters or tyres):
         raise UserError("--model, --parameters and --tyre are for parameters")
     if kind != "channels" and databases:
         raise UserError("--database is for channels")
@@ -118,7 +127,7 @@ def new(
         out, written = write_map(Path(name), out)
         called = str(out)
     elif kind == "parameters":
-        called, written = _parameters(name, ModelOptions(model or "", parameters, tyre))
+        called, written = _parameters(name, ModelOptions(model or "", parameters), tyres or [], console)
     else:
         called = name
         written = write_new(entry, name, out)
@@ -225,11 +234,22 @@ def _channels(given: str, databases: list[str], out: Path | None, console: Conso
     return out.stem if in_project else str(out), write_files(out.parent, {out.name: proposal.text})
 
 
-def _parameters(name: str, chosen: ModelOptions) -> tuple[str, list[Path]]:
-    """Write a parameter file of a vehicle that there is, with the values of one of its sets to be replaced."""
+def _parameters(name: str, chosen: ModelOptions, tyres: list[str], console: Console) -> tuple[str, list[Path]]:
+    """Write a parameter file of a vehicle that there is, with the values of one of its sets to be replaced.
+
+    Args:
+        name: Of the file.
+        chosen: The vehicle and the set.
+        tyres: The name of a tyre, or property files, whose curves are drawn into a page beside the file.
+        console: Where what was taken from property files is said.
+    """
+    from harness.api.model import write_set
     from harness.cli.options import model_of
     from harness.models.roles import VEHICLES
 
+    if not chosen.vehicle and len(tyres) > 0 and not tyres[0].isidentifier():
+        chosen = replace(chosen, vehicle="car")
+        console.print(Text("vehicle: car; another one by --model"))
     if not chosen.vehicle:
         raise UserError(f"new parameters: whose? say the vehicle by --model; there are: {', '.join(VEHICLES.names())}")
     name = name.removesuffix(".toml")
@@ -237,5 +257,20 @@ def _parameters(name: str, chosen: ModelOptions) -> tuple[str, list[Path]]:
     out = Path(f"{name}.toml")
     if out.exists():
         raise UserError(f"{locations.shown(out)}: is there already, and nothing is written over; choose another name")
-    written = model_of(chosen).write(out, "write here where each value comes from")
-    return str(out), [written]
+    if len(tyres) == 1 and tyres[0].isidentifier():
+        chosen, tyres = replace(chosen, tyre=tyres[0]), []
+    base = model_of(chosen)
+    if not tyres:
+        return str(out), [base.write(out, "write here where each value comes from")]
+    from harness.cli.tyre_page import report
+    from harness.config.tyre_parameters import fitted, on_tyres, remarks
+
+    fit = fitted(base.spec, tyres)
+    spec = on_tyres(base.spec, fit)
+    for sentence in remarks(spec, fit):
+        console.print(Text(sentence), soft_wrap=True)
+    files = ", ".join(dict.fromkeys(f"{t.file.path.name} ({t.file.kind})" for t in fit))
+    written = write_set(
+        spec, out, f"tyres: {files}, friction: a factor on theirs; write here where the rest comes from"
+    )
+    return str(out), [written, *report(spec, fit).write(Path(), f"{name}-tyres")]

@@ -48,38 +48,42 @@ class StraightAxles:
             point[symbol(state)] = point.get(symbol(str(first)), sp.sympify(first if not isinstance(first, str) else 0))
             if first in model.parameter_names:
                 point[symbol(state)] = symbol(str(first))
+        at_load = {a: symbol(f"vertical_load_axle_{a}") for a in slips}
+        loads: dict[str, sp.Expr] = {}
         for name, expr in model.ports.items():
-            if symbol(name) not in slips.values():
-                point[symbol(name)] = expr.xreplace(point)
+            written = expr.xreplace(point)
+            if symbol(name) in at_load.values():
+                loads[name.removeprefix("vertical_load_axle_")] = written
+            elif symbol(name) not in slips.values():
+                point[symbol(name)] = written
         forces = {a: point[symbol(f"steady_lateral_force_axle_{a}")] for a in slips}
         slopes = {a: force.diff(slips[a]).xreplace({slips[a]: sp.S.Zero}) for a, force in forces.items()}
-        loads = {a: point[symbol(f"vertical_load_axle_{a}")] for a in slips}
         self._names = model.parameter_names
-        self._loads, self._slopes = self._function(loads), self._function(slopes)
-        self._forces = {a: self._function({a: force}, slips[a]) for a, force in forces.items()}
+        self._loads = self._function([loads[a].xreplace({at_load[b]: loads[b] for b in slips}) for a in slips])
+        self._slopes = {a: self._function([slope], at_load[a]) for a, slope in slopes.items()}
+        self._forces = {a: self._function([force], at_load[a], slips[a]) for a, force in forces.items()}
 
-    def _function(self, expressions: Mapping[str, sp.Expr], *further: sp.Symbol) -> Any:
+    def _function(self, expressions: list[sp.Expr], *further: sp.Symbol) -> Any:
         arguments = [*map(symbol, self._names), *further]
         heaviside = {"Heaviside": lambda x, half=0.5: np.heaviside(x, half)}
-        return sp.lambdify(arguments, list(expressions.values()), [heaviside, "numpy"], cse=True)
+        return sp.lambdify(arguments, expressions, [heaviside, "numpy"], cse=True)
 
     def _each(self, function: Any, values: Mapping[str, Any], *further: Any) -> list[Any]:
         return function(*(values[n] for n in self._names), *further)
 
     def loads(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Return the static load of each axle in N; numbers or arrays of one shape, as the values are."""
-        axles = [a for group in self.groups.values() for a in group]
-        by_axle = dict(zip(self._forces, self._each(self._loads, values), strict=True))
-        return {axle: by_axle[axle] for axle in axles}
+        return dict(zip(self._forces, self._each(self._loads, values), strict=True))
 
     def stiffness(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Return the cornering stiffness of all axles of a group together in N/rad, at their static loads."""
-        by_axle = dict(zip(self._forces, self._each(self._slopes, values), strict=True))
-        return {group: sum(by_axle[axle] for axle in axles) for group, axles in self.groups.items()}
+        loads = self.loads(values)
+        slopes = {axle: self._each(f, values, loads[axle])[0] for axle, f in self._slopes.items()}
+        return {group: sum(slopes[axle] for axle in axles) for group, axles in self.groups.items()}
 
-    def force(self, axle: str, values: Mapping[str, float], slip_angle: Any) -> Any:
-        """Return the lateral force of an axle in N at its static load and slip angles in rad."""
-        return self._each(self._forces[axle], values, slip_angle)[0]
+    def force(self, axle: str, values: Mapping[str, float], slip_angle: Any, load: float) -> Any:
+        """Return the lateral force of an axle in N at slip angles in rad under a load in N."""
+        return self._each(self._forces[axle], values, load, slip_angle)[0]
 
     def compliances(self, values: Mapping[str, Any]) -> tuple[Any, Any]:
         """Return load over gravity and stiffness of the two groups in rad s^2/m: slip angle per lateral acceleration.
