@@ -135,7 +135,7 @@ def test_csv_dialects(tmp_path, text, expected):
         ("a.mat", b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM", "is damaged or no MATLAB file"),
         ("a.parquet", b"PAR1", "is damaged or no Parquet file"),
         ("a.mf4", b"no measured data" * 9, "is damaged or no MDF file"),
-        ("a.xlsx", b"", "no reader for this suffix; known are .asc, .blf, .csv, "),
+        ("a.xlsx", b"", "no reader for this suffix; known are .asc, .bag, .blf, .csv, "),
     ],
 )
 def test_bad_files_are_refused_by_name(tmp_path, name, content, message):

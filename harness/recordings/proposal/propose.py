@@ -199,6 +199,8 @@ def _guesses(column: str, values: Floats, table: int, reading: Reading) -> tuple
     finite = values[np.isfinite(values)]
     if len(finite) < 2:
         return [], "it holds no values"
+    if not finite.any():
+        return [], "it is 0 all the time"
     signal, unit = reading.signal, reading.unit
     signal = "speed" if signal == "longitudinal_velocity" else signal
     exact = signal == "_".join(reading.words.split())

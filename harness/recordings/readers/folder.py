@@ -7,20 +7,23 @@ from pathlib import Path
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.recordings import readers
+from harness.recordings.readers import bag
 
 SUFFIXES = ("/",)
 
 
-def read(path: str) -> list[readers.Table]:
-    """Return the columns of the files that hold exactly one, named after the file, grouped by their length.
+def read(path: str, wanted: readers.Wanted | None = None) -> list[readers.Table]:
+    """Return the topics of a bag of ROS 2, or the columns of the files that hold exactly one, grouped by their length.
 
-    Files of unknown suffix, such as a licence, are passed over, and so are those with several columns, which are
-    recordings of their own.
+    A column is named after its file. Files of unknown suffix, such as a licence, are passed over, and so are those with
+    several columns, which are recordings of their own.
 
     Raises:
         UserError: If a file cannot be read, two have the same stem, or none holds a single column.
     """
-    suffixes = [suffix for suffix in readers.suffixes() if suffix not in SUFFIXES]
+    if bag.is_bag(path):
+        return bag.read(path, wanted)
+    suffixes = [suffix for suffix in readers.suffixes() if suffix not in (*SUFFIXES, *bag.SUFFIXES)]
     vectors: dict[str, Floats] = {}
     for file in sorted(p for p in Path(path).iterdir() if p.is_file()):
         suffix = next((s for s in suffixes if file.name.lower().endswith(s)), None)
