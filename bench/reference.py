@@ -141,8 +141,12 @@ def _span(p: Parameter) -> str:
 def _neutral(p: Parameter) -> str:
     """Return the value at which the effect is absent, or where a search starts."""
     if p.neutral is not None:
-        return f"{p.neutral:g}"
-    return "per drive" if p.per_drive else "grid " + ", ".join(f"{value:g}" for value in p.grid)
+        return f"{p.neutral:g}" + (f", natural {_values(p.natural)}" if p.natural else "")
+    return "per drive" if p.per_drive else f"grid {_values(p.grid)}"
+
+
+def _values(values: Iterable[float]) -> str:
+    return ", ".join(f"{value:g}" for value in values)
 
 
 def _literal(value: Any) -> str:

@@ -68,6 +68,8 @@ class Parameter:
         shared: Of an effect with places: one parameter for all of them.
         grid: Values to start from where the likelihood says nothing about the parameter at the neutral value of
             the effect, or has several maxima.
+        natural: Of an effect that is large where it is there at all: values that it has then. The likelihood about the
+            neutral value says little of them, so a fit starts there as well before anything implausible is believed.
         per_drive: A time in a drive: each drive has its own, searched over its duration.
         numerical: Of how the equations are solved, not of the vehicle: no measurement determines it.
         late: Input whose channel is late by so much, in s, where the parameter is negative. What has a whole recording
@@ -83,6 +85,7 @@ class Parameter:
     neutral: float | None = None
     shared: bool = False
     grid: tuple[float, ...] = ()
+    natural: tuple[float, ...] = ()
     per_drive: bool = False
     numerical: bool = False
     late: str = ""

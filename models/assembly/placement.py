@@ -149,8 +149,9 @@ def parameter_at(parameter: Parameter, place: str) -> Parameter:
         return declared
     unit = SIGNALS[place].unit
     scale = MAGNITUDE.get(unit, 1.0)
-    grid = tuple(scale * g for g in parameter.grid)
-    return replace(declared, unit=unit, lower=scale * parameter.lower, upper=scale * parameter.upper, grid=grid)
+    grid, natural = (tuple(scale * v for v in values) for values in (parameter.grid, parameter.natural))
+    lower, upper = scale * parameter.lower, scale * parameter.upper
+    return replace(declared, unit=unit, lower=lower, upper=upper, grid=grid, natural=natural)
 
 
 def split(name: str) -> tuple[str, str | None]:

@@ -29,7 +29,16 @@ LOWEST_FRICTION = 0.05
 """The road never has less, so that no tyre reverses its force."""
 
 PARAMETERS: tuple[Parameter, ...] = (
-    Parameter("friction_change", r"\Delta\mu", "dimensionless", -1.5, 1.5, "change of the friction", neutral=0.0),
+    Parameter(
+        "friction_change",
+        r"\Delta\mu",
+        "dimensionless",
+        -1.5,
+        1.5,
+        "change of the friction",
+        neutral=0.0,
+        natural=(-0.5, 0.5),
+    ),
     Parameter("friction_change_time", r"t_\mu", "s", 0.0, 1e4, "when the change begins", per_drive=True),
     Parameter("friction_change_duration", r"T_\mu", "s", 0.02, 1e3, "how long it takes", grid=(0.5,)),
 )

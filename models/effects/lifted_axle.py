@@ -28,6 +28,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         0.995,
         "how much less than the other axles of the bogie it carries",
         0.0,
+        natural=(0.5, 0.99),
     ),
 )
 

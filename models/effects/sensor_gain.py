@@ -18,7 +18,16 @@ READS: tuple[str, ...] = ()
 STATES: tuple[str, ...] = ()
 
 PARAMETERS: tuple[Parameter, ...] = (
-    Parameter("sensor_gain_error", "g_y", "dimensionless", -0.9, 2.0, "reading over true value, less 1", neutral=0.0),
+    Parameter(
+        "sensor_gain_error",
+        "g_y",
+        "dimensionless",
+        -1.0,
+        2.0,
+        "reading over true value, less 1",
+        neutral=0.0,
+        natural=(-1.0,),
+    ),
 )
 
 

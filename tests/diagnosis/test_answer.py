@@ -10,6 +10,7 @@ import pytest
 from harness.common.statistics import Interval
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.result.answer import Value, answer
+from harness.diagnosis.result.claims import Claims
 from harness.diagnosis.selection.posterior import Alike, ComparedModel, Posterior
 from harness.identification.coordinates import parameter_coordinate
 from harness.models.contracts import Parameter
@@ -41,9 +42,8 @@ def said(verdict, *added, posterior=None):
         before=excess[0],
         after=excess[1],
         cut_short="",
-        posterior=posterior,
     )
-    return answer(trace, verdict, NOWHERE, VALUES)
+    return answer(trace, Claims(verdict, added, posterior), NOWHERE, VALUES)
 
 
 def test_an_effect_of_the_vehicle_is_told_apart_from_what_the_recordings_have():
@@ -86,10 +86,27 @@ def test_what_is_claimed_is_as_sure_as_its_probability():
 
 
 def test_that_nothing_is_missing_is_as_sure_as_the_model_without_additions():
-    split = posterior(0.6, (0.3,), (0.1, LAG))
+    split = posterior(0.4, (0.3,), (0.3, LAG))
     text = said("adequate", posterior=split)
     assert text.startswith("The model may be adequate (3 in 10): nothing is missing that these drives can show.")
-    assert "not listed may be there (6 in 10)" in text
+
+
+def test_what_shares_the_probability_of_an_addition_is_told_with_it():
+    """What is in its place alone: the delay, and nothing; the mass of a model with the lag is no rival of it."""
+    shared = posterior(0.1, (0.4, LAG), (0.3, LATE), (0.1,), (0.1, LAG, MASS))
+    text = said("amended", LAG, posterior=shared)
+    assert text.startswith("The model may lack steering lag (5 in 10). ")
+    assert "In the place of steering lag there may be steering delay (3 in 10) or nothing (1 in 10)." in text
+    rivals = Claims("amended", (LAG,), shared).rivals(LAG)
+    assert [(r.hypothesis, round(r.probability, 12)) for r in rivals] == [(LATE, 0.3), (None, 0.1)]
+
+
+def test_where_probably_none_is_right_names_have_the_probability_of_one_right_model():
+    """As the table of odds has it."""
+    none = posterior(0.9, (0.08, LAG), (0.02, LATE))
+    text = said("unresolved", LAG, posterior=none)
+    assert "Part of it is probably steering lag (8 in 10, if one of these explanations is right)." in text
+    assert "there may be steering delay (2 in 10)" in text
 
 
 def test_what_is_named_of_something_unresolved_is_a_part_of_it():
@@ -107,9 +124,9 @@ def test_a_value_by_an_implausible_factor_is_no_explanation():
         before=SimpleNamespace(normalised_excess_mse=4.0),
         after=SimpleNamespace(normalised_excess_mse=0.01),
         cut_short="",
-        posterior=None,
     )
-    assert "would explain it, but only with implausible factors: mass 10." in answer(trace, "unresolved", NOWHERE, {})
+    said = answer(trace, Claims("unresolved", (MANY,), None), NOWHERE, {})
+    assert "would explain it, but only with implausible factors: mass 10." in said
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from harness.common.files import json_text
 from harness.common.statistics import Interval
 from harness.diagnosis import run
 from harness.diagnosis.criteria import HORIZONS, PRIORS
-from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
+from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, coordinates, hypotheses
 from harness.diagnosis.report import probabilities, residual_sections
 from harness.diagnosis.report.probabilities import likely
 from harness.diagnosis.report.report import report
@@ -177,7 +177,8 @@ def test_what_was_dropped_and_left_no_stand_in_is_told():
 
     def told(*added, of_rounds=(dropped, kept), gone=(dropped,)):
         rounds = [SimpleNamespace(added=SimpleNamespace(hypothesis=h), reason="passes") for h in of_rounds]
-        return _rounds(SimpleNamespace(trace=SimpleNamespace(rounds=rounds, dropped=gone, added=added)))[-1]
+        trace = SimpleNamespace(rounds=rounds, dropped=gone, added=added)
+        return _rounds(SimpleNamespace(trace=trace, refused=None))[-1]
 
     assert told(kept) == told() == "Without roll steer the rest is likelier."
     mass = Hypothesis("mass", "parameter", ("mass",))
@@ -189,6 +190,38 @@ def test_what_was_dropped_and_left_no_stand_in_is_told():
     assert told(lag, of_rounds=(dropped, *places)) == "Without roll steer the rest is likelier."
     both = Hypothesis("values", "parameter", ("mass", "inertia"))
     assert told(kept, both, of_rounds=(kept, mass), gone=()) == "In place of mass stands what is likelier: values."
+
+
+def test_additions_that_are_worse_than_none_are_refused_and_told(trace, tmp_path):
+    """The nominal model stays as the final one, and an amended model of an earlier trace does not."""
+    augmented, fit = trace.fitting.augmented, trace.nominal
+    lag = next(h for h in hypotheses(augmented, FREE) if h.name == "steering_lag")
+    values = fit.point.values.copy()
+    values[[augmented.row(n) for n in lag.amplitudes]] = 0.4
+    late = dataclasses.replace(
+        fit, coordinates=coordinates(augmented, FREE, (lag,), 1), point=dataclasses.replace(fit.point, values=values)
+    )
+    zero, alone = np.zeros(len(HORIZONS)), Interval(0.0, 0.0, 0.0)
+    models = (
+        ComparedModel((Alike((lag,), (1.0,)),), late, 0.0, zero, alone, 1.0, 0.99),
+        ComparedModel((), fit, 0.0, zero, alone, 0.0, 0.0),
+    )
+    judged = trace.held_out.judge((lag,), late.point)
+    worse = dataclasses.replace(trace, final=late, added=(lag,), after=judged, posterior=Posterior(models, 0.01, zero))
+    (tmp_path / "amended.toml").write_text("of an earlier trace")
+    outcome = outcome_of(worse, failures=Failures(tmp_path))
+    text, record = reported(outcome, tmp_path)
+    assert (record["verdict"], record["added"], outcome.trace.final) == ("unresolved", [], fit)
+    assert [a["effect"] for a in record["refused"]["added"]] == ["steering_lag"]
+    assert record["refused"]["error_ratio"]["lower"] > 1.0
+    assert record["posterior"]["none_of_these"] == 1.0
+    assert record["error"]["yaw_rate"]["after"] <= record["error"]["yaw_rate"]["before"]
+    assert sorted(f.name for f in tmp_path.glob("*.toml")) == ["nominal.toml"]
+    grown = record["refused"]["error"]["yaw_rate"]
+    assert grown["after"] > grown["before"]
+    assert "steering lag" in record["answer"]
+    assert record["answer"] in text
+    assert record["not_made"] == []
 
 
 def test_a_trace_whose_only_addition_was_dropped_has_a_report(trace, tmp_path):

@@ -15,7 +15,7 @@ from harness.config import resolve_single
 from harness.diagnosis.fitting import FittedHypothesis, Fitting, ParameterPoint
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, coordinates, hypotheses
-from harness.diagnosis.result.answer import verdict_of
+from harness.diagnosis.result.claims import verdict_of
 from harness.diagnosis.selection.acceptance import beyond_belief
 from harness.diagnosis.selection.forward_selection import first_variances
 from harness.diagnosis.selection.score_test import SPACING, ScoreTest, best_amplitudes, cosine

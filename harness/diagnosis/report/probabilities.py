@@ -69,19 +69,19 @@ _LEAST = 0.01
 
 def likely(outcome: Outcome) -> list[str]:
     """Return the likeliest explanations with their probabilities, if one of them is right, and that of none of them."""
-    posterior = outcome.posterior
+    claims, posterior = outcome.claims, outcome.posterior
     if posterior is None:
         return []
     chosen = [m for m in posterior.models if m.share >= _LEAST]
     shown, others = (chosen[:_SHOWN], chosen[_SHOWN:]) if len(chosen) > _SHOWN + 1 else (chosen, [])
-    given_one = 1.0 / (1.0 - posterior.none) if 0.5 < posterior.none < 1.0 else 1.0
-    lines = [f"{in_words(given_one * m.probability)}: {_explained(outcome.trace, m, shown[0])}" for m in shown]
+    given_right = claims.given_right
+    lines = [f"{in_words(given_right * m.probability)}: {_explained(outcome.trace, m, shown[0])}" for m in shown]
     if others:
-        rest = given_one * sum(m.probability for m in others)
+        rest = given_right * sum(m.probability for m in others)
         lines.append(f"{in_words(rest)}: one of {len(others)} others")
     own = posterior.model_with(outcome.trace.added)
     if own is not None and own not in shown:
-        lines.append(f"{in_words(given_one * own.probability)}: what the search added; its criteria differ")
+        lines.append(f"{in_words(given_right * own.probability)}: what the search added; its criteria differ")
     otherwise = "something else is there, in place of them or beside them"
     if posterior.none > 0.5:
         return [

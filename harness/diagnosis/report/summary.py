@@ -182,6 +182,8 @@ def _rounds(outcome: Outcome) -> list[str]:
             sentences.append(f"Round {number} added nothing: with {best}, {r.reason}.")
         else:
             sentences.append(f"Round {number} added nothing: {r.reason}.")
+    if outcome.refused is not None:
+        sentences.append("With all of that the held-out drives are simulated worse, so the nominal model stays.")
     gone, instead = _replaced(outcome.trace)
     if instead:
         likelier = listed([called(h.name) for h in instead])

@@ -43,7 +43,9 @@ NOWHERE = Localisation(None, None, (), None)
 """Where it could not be looked for."""
 
 
-def localised(trace: Trace, amended: ModelSpec, unexplained: bool, failures: Failures = RAISED) -> Localisation:
+def localised(
+    trace: Trace, amended: ModelSpec, unexplained: bool, failures: Failures = RAISED, random: bool = True
+) -> Localisation:
     """Rank where the nominal model and the final one lack.
 
     Args:
@@ -51,13 +53,14 @@ def localised(trace: Trace, amended: ModelSpec, unexplained: bool, failures: Fai
         amended: The final model.
         unexplained: Whether anything is left to explain.
         failures: Takes what cannot be computed; by default it is raised.
+        random: Whether a random process may explain it.
     """
     nominal = final = DisturbanceRanking(trace.fitting, trace.nominal.point)
     if trace.added:
         final = DisturbanceRanking(trace.fitting, trace.final.point, nominal.disturbance_inputs)
     histories = tuple(nominal.history(s) for s in nominal.ranked_inputs[:SHOWN] if s.gain > 0)
     random_process = unmodelled = None
-    if unexplained:
+    if unexplained and random:
         random_process = failures.attempt(
             "the search for a random process", lambda: find_random_process(trace, amended, final), lambda _: None
         )

@@ -1,15 +1,13 @@
-"""Verdict of a trace (the model is adequate, was amended, or lacks something), and its answer in sentences."""
+"""Answer of a trace in sentences: what the model lacks, what the recordings have, which stated values were wrong."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
-from harness.diagnosis.criteria import BIC_NEEDED, EXCESS
 from harness.diagnosis.innovations.disturbance_inputs import DisturbanceInput
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.residuals.dependence import Curve
@@ -17,10 +15,10 @@ from harness.diagnosis.residuals.localisation import Localisation
 from harness.diagnosis.residuals.order_analysis import PeriodicDisturbance
 from harness.diagnosis.residuals.random_process import RandomProcess
 from harness.diagnosis.residuals.unmodelled import UnmodelledDisturbance
+from harness.diagnosis.result.claims import Claims, Refused, final_judgement
 from harness.diagnosis.selection.acceptance import beyond_belief
 from harness.diagnosis.selection.forward_selection import Trace
-from harness.diagnosis.selection.posterior import Posterior
-from harness.diagnosis.selection.validation import Judgement, leaves_nothing
+from harness.diagnosis.selection.validation import Judgement
 from harness.models.assembly.placement import split
 from harness.models.quantities import capital, listed, print_unit, quantity, words
 from harness.models.signals import SIGNALS
@@ -35,60 +33,6 @@ class Value:
     unit: str
     value: float
     std: float
-
-
-Verdict = Literal["adequate", "amended", "unresolved"]
-
-
-def verdict_of(trace: Trace, localisation: Localisation, coloured: bool) -> Verdict:
-    """Return whether the model is adequate, amended, or lacks something that has no name here.
-
-    Something is still missing if the innovations of the final model on the held-out drives are coloured, whatever was
-    added: then an effect may have been mistaken for another. So it is if the simulation error there, with the
-    unmodelled disturbance if one was found, exceeds the sensor noise and what random processes may do, and either one
-    was found or the last round held a hypothesis that gained enough but was not accepted. A random process is accepted
-    where it leaves white innovations, or almost. Many wrong parameters explain nothing if one would be wrong by an
-    implausible factor. A search that was cut short has not tried everything.
-    """
-    if trace.cut_short or beyond_belief(trace.final, trace.added):
-        return "unresolved"
-    if localisation.random_process is not None:
-        return "amended" if localisation.random_process.white else "unresolved"
-    if coloured and (trace.effects or localisation.unmodelled is None):
-        return "unresolved"
-    if localisation.unmodelled is not None and final_judgement(trace, localisation).unexplained > EXCESS:
-        return "unresolved"
-    if localisation.unmodelled is None and _failed(trace) and not leaves_nothing(trace.after, trace.before):
-        return "unresolved"
-    return "amended" if trace.effects or localisation.unmodelled is not None else "adequate"
-
-
-def final_judgement(trace: Trace, localisation: Localisation) -> Judgement:
-    """Return the final model on the held-out drives, with the unmodelled disturbance if that lowers its error."""
-    if (
-        localisation.unmodelled is not None
-        and localisation.unmodelled.judgement.normalised_excess_mse < trace.after.normalised_excess_mse
-    ):
-        return localisation.unmodelled.judgement
-    return trace.after
-
-
-def final_posterior(trace: Trace, localisation: Localisation) -> Posterior | None:
-    """Return how likely each model is; what has no name, where that was found, makes it likelier that none is right."""
-    if trace.posterior is None or localisation.unmodelled is None:
-        return trace.posterior
-    return trace.posterior.with_unlisted(trace.final, localisation.unmodelled.held_out_gain)
-
-
-def strays(trace: Trace) -> bool:
-    """Whether something is left that the named effects do not explain."""
-    return not leaves_nothing(trace.after, trace.before) and (_failed(trace) or not trace.effects)
-
-
-def _failed(trace: Trace) -> bool:
-    """Whether the last round held a hypothesis that gained enough on the fitted drives but was not accepted."""
-    last = trace.rounds[-1]
-    return last.added is None and any(c.fitted is not None and c.bic >= BIC_NEEDED for c in last.candidates)
 
 
 _PURE = 0.8
@@ -191,75 +135,102 @@ def in_words(probability: float) -> str:
     return f"{round(10 * probability)} in 10" if tenths else f"{round(100 * probability)} in 100"
 
 
-def claim(verb: str, probability: float | None, rest: str = "") -> str:
+def claim(verb: str, probability: float | None, rest: str = "", conditional: bool = False) -> str:
     """Return a claim that is as strong as its probability, which follows it where there is doubt.
 
     Args:
         verb: One of ``_CLAIMS``.
         probability: ``None`` where it is not known.
         rest: What follows the verb.
+        conditional: Whether the probability is that if one of the models is right.
     """
-    if probability is None or probability >= _SURE:
+    condition = ", if one of these explanations is right" if conditional and probability is not None else ""
+    if probability is None or (probability >= _SURE and not conditional):
         return f"{verb} {rest}".rstrip()
     probably, may = _CLAIMS[verb]
-    return f"{f'{probably if probability >= _LIKELY else may} {rest}'.rstrip()} ({in_words(probability)})"
+    strength = verb if probability >= _SURE else probably if probability >= _LIKELY else may
+    return f"{f'{strength} {rest}'.rstrip()} ({in_words(probability)}{condition})"
 
 
 _SUREST = 3
 """Values that a sentence names of many."""
 
 
-def answer(trace: Trace, verdict: Verdict, localisation: Localisation, values: Mapping[str, Sequence[Value]]) -> str:
+def answer(trace: Trace, claims: Claims, localisation: Localisation, values: Mapping[str, Sequence[Value]]) -> str:
     """Return what was found, in sentences: of the vehicle first, then of the recordings, then of stated values.
 
     Args:
         trace: What was found.
-        verdict: On it.
+        claims: What of it is claimed.
         localisation: Where something is missing that has no name.
         values: The parameters of every addition, by its name.
     """
-    process, posterior = localisation.random_process, final_posterior(trace, localisation)
+    verdict, process = claims.verdict, localisation.random_process
     effects = trace.effects if process is None else (*trace.effects, *process.hypotheses)
     of_vehicle, recorded = ([h for h in effects if h.of_recording == which] for which in (False, True))
-    also = ""
+    also = _rivals(claims, of_vehicle)
     if recorded:
-        also = f" The recordings {claim('have', _sure(trace, posterior, recorded), _named(recorded))}."
+        sure = claims.probability(recorded)
+        also += f" The recordings {claim('have', sure, _named(recorded), claims.conditional)}."
+        also += _rivals(claims, recorded)
     if far := beyond_belief(trace.final, trace.added):
         rest = "the rest" if effects else "it"
         also += f" Many stated values would explain {rest}, but only with implausible factors: {far}."
     else:
-        also += _wrong_values(trace, values, posterior)
-    if posterior is not None and posterior.none > 0.5 and localisation.unmodelled is None and verdict != "unresolved":
-        also += f" Something that is not listed {claim('is', posterior.none, 'there')}."
+        also += _wrong_values(trace, values, claims)
+    if claims.at_bound:
+        also += (
+            f" The {listed([words(n) for n in claims.at_bound])} ended at a bound of what is possible, so something "
+            "else is there or more than that."
+        )
     change = gap(trace.before, final_judgement(trace, localisation))
     if process is not None:
         change = (change if trace.added else "") + _of_a_process(process)
     curves = [] if localisation.unmodelled is None else unmodelled_words(localisation.unmodelled)
     unmodelled = f" What is missing acts as {'; '.join(curves)}." if curves else ""
-    sure, named = _sure(trace, posterior, of_vehicle), _named(of_vehicle)
+    sure, named = claims.probability(of_vehicle), _named(of_vehicle)
     if verdict == "adequate":
-        alone = None if posterior is None or trace.added else posterior.model_with(())
-        sure = None if alone is None else alone.probability
-        adequate = f"The model {claim('is', sure, 'adequate')}: nothing is missing that these drives can show."
+        adequate = (
+            f"The model {claim('is', claims.adequate(), 'adequate')}: nothing is missing that these drives can show."
+        )
         return f"{adequate}{also}{change if trace.added else ''}"
     if verdict == "amended":
         nothing = "Of the vehicle nothing is missing that these drives can show."
         outside = nothing if localisation.unmodelled is None else "The model lacks something outside the library."
-        lacks = f"The model {claim('lacks', sure, named)}." if named else outside
+        lacks = f"The model {claim('lacks', sure, named, claims.conditional)}." if named else outside
         return f"{lacks}{unmodelled}{also}{change}"
     if trace.cut_short:
         so_far = f" Until then the model was found to lack {named}." if named else ""
         return f"The search broke off before everything was tried, so there is no verdict.{so_far}{also}"
-    part = f" Part of it {claim('is', sure, named)}." if named else ""
+    part = f" Part of it {claim('is', sure, named, claims.conditional)}." if named else ""
     closed = change if effects or curves else ""
-    return f"Something is missing that no effect of the library explains.{part}{unmodelled}{also}{closed}"
+    refused = "" if claims.refused is None else _refused(claims.refused)
+    return f"Something is missing that no effect of the library explains.{refused}{part}{unmodelled}{also}{closed}"
 
 
-def _sure(trace: Trace, posterior: Posterior | None, hypotheses: Sequence[Hypothesis]) -> float | None:
-    """Return the probability that all of some hypotheses are right; ``None`` where it was not computed."""
-    if posterior is None or not set(trace.added).issuperset(hypotheses):  # a random process is none of the models
-        return None
-    return posterior.probability_of(hypotheses)
+def _refused(refused: Refused) -> str:
+    """Return a sentence on additions that are worse than none, with a space before it."""
+    added, ratio = refused.trace.added, refused.growth.ratio
+    plain = [h for h in added if h.name != ALL_PARAMETERS]
+    what = listed([_named([h]) for h in plain] + ["many other stated values"] * (len(plain) < len(added)))
+    grows = (
+        "the free run over the held-out drives leaves the model's range"
+        if math.isinf(ratio.value)
+        else f"the simulation error on the held-out drives grows by a factor of {style.number(ratio.value)}, "
+        f"{style.number(ratio.lower)} to {style.number(ratio.upper)}"
+    )
+    return f" With {what} the fitted drives are likelier, but {grows}: that is no answer, and the nominal model stays."
+
+
+def _rivals(claims: Claims, added: Sequence[Hypothesis]) -> str:
+    """Return a sentence for each addition that shares its probability, with a space before it; empty if none does."""
+    sentences = ""
+    for h in added:
+        if not (rivals := claims.rivals(h)) or (claims.probability([h]) or 0.0) >= _SURE:
+            continue
+        each = [f"{_named([r.hypothesis]) if r.hypothesis else 'nothing'} ({in_words(r.probability)})" for r in rivals]
+        sentences += f" In the place of {_named([h])} there may be {' or '.join(each)}."
+    return sentences
 
 
 def _named(effects: Sequence[Hypothesis]) -> str:
@@ -271,20 +242,20 @@ def _named(effects: Sequence[Hypothesis]) -> str:
     return listed([f"{name} of {listed(at)}" if at else name for name, at in places.items()]) if effects else ""
 
 
-def _wrong_values(trace: Trace, values: Mapping[str, Sequence[Value]], posterior: Posterior | None) -> str:
+def _wrong_values(trace: Trace, values: Mapping[str, Sequence[Value]], claims: Claims) -> str:
     """Return a sentence on the stated values that were wrong, with a space before it; of many the surest three."""
     stated = trace.fitting.augmented.spec.values
     sentence = ""
     for h in (h for h in trace.added if h.kind == "parameter"):
         moved = sorted(values[h.name], key=lambda v: -abs(v.value - stated[v.name]) / v.std)
         each = listed([_instead(v, stated[v.name]) for v in moved[:_SUREST]])
-        sure = _sure(trace, posterior, [h])
-        many = h.name == ALL_PARAMETERS
+        sure, many = claims.probability([h]), h.name == ALL_PARAMETERS
         sentence += (
-            f" Many stated values {claim('were wrong', sure)}, most surely {each}."
+            f" Many stated values {claim('were wrong', sure, '', claims.conditional)}, most surely {each}."
             if many
-            else f" A stated value {claim('was wrong', sure)}: {each}."
+            else f" A stated value {claim('was wrong', sure, '', claims.conditional)}: {each}."
         )
+        sentence += "" if many else _rivals(claims, [h])
     return sentence
 
 

@@ -16,9 +16,21 @@ from harness.diagnosis.fitting import FittedHypothesis
 from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.residuals.localisation import NOWHERE, Localisation, localised
 from harness.diagnosis.residuals.random_process import RandomProcess
-from harness.diagnosis.result.answer import Value, Verdict, answer, final_judgement, final_posterior, strays, verdict_of
+from harness.diagnosis.result.answer import Value, answer
+from harness.diagnosis.result.claims import (
+    Claims,
+    Refused,
+    Verdict,
+    claims_of,
+    final_judgement,
+    final_posterior,
+    refusal,
+    strays,
+    without_additions,
+)
 from harness.diagnosis.result.estimator_gain import EstimatorErrors, fitted_model
 from harness.diagnosis.result.study_gain import StudyGain
+from harness.diagnosis.selection.acceptance import ends_at_bound
 from harness.diagnosis.selection.candidate_fits import Say
 from harness.diagnosis.selection.forward_selection import Trace
 from harness.diagnosis.selection.posterior import Posterior
@@ -79,6 +91,7 @@ class Outcome:
         notes: Irregularities of the recordings, with the evidence.
         failures: What could not be made after the search.
         refitted: What the final model has for the parameters that are fitted in any case.
+        refused: Additions that the final model lacks because they are worse than none, if there were any.
     """
 
     trace: Trace
@@ -94,6 +107,7 @@ class Outcome:
     notes: tuple[str, ...] = ()
     failures: Failures = RAISED
     refitted: tuple[Value, ...] = ()
+    refused: Refused | None = None
 
     @property
     def cautions(self) -> tuple[str, ...]:
@@ -104,6 +118,13 @@ class Outcome:
     def posterior(self) -> Posterior | None:
         """How likely each model is, and that none of them is right."""
         return final_posterior(self.trace, self.localisation)
+
+    @property
+    def claims(self) -> Claims:
+        """What is claimed."""
+        parameters = self.trace.fitting.augmented.model.parameters
+        bounds = ends_at_bound(parameters, self.trace.final, self.trace.added)
+        return Claims(self.verdict, self.trace.added, self.posterior, bounds, self.refused)
 
     @property
     def added(self) -> tuple[Hypothesis, ...]:
@@ -126,30 +147,45 @@ def outcome_of(trace: Trace, say: Say = lambda _: None, failures: Failures = RAI
         failures: Takes what cannot be computed; by default it is raised.
     """
     say("looking for where something is missing")
+    refused = failures.attempt("the comparison of the simulation errors", lambda: refusal(trace), lambda _: None)
+    values: dict[str, tuple[Value, ...]] = {}
+    if refused is not None:
+        searched, trace = trace, without_additions(refused)
+        values = _values(searched, failures.attempt("the standard errors", lambda: _errors(searched), lambda _: {}))
     amended = _amended(trace)
     errors = failures.attempt("the standard errors", lambda: _errors(trace), lambda _: {})
-    values = _values(trace, errors)
+    values |= _values(trace, errors)
     judged = failures.attempt("the tests of the innovations", lambda: _judged(trace), lambda _: ())
     # Innovations that could not be tested do not count as white.
     coloured = not judged or any(w.p_value < WHITE for j in judged if j.held_out for w in j.whiteness)
     localisation = failures.attempt(
         "the search for where something is missing",
-        lambda: localised(trace, amended, coloured or strays(trace), failures),
+        lambda: localised(trace, amended, coloured or strays(trace), failures, refused is None),
         lambda _: NOWHERE,
     )
     if localisation.random_process is not None:
         amended = localisation.random_process.spec
         values |= _of_process(localisation.random_process)
-    verdict = verdict_of(trace, localisation, coloured)
+    claims = claims_of(trace, localisation, coloured, refused)
     nominal = fitted_model(trace, trace.fitting.augmented.spec, trace.nominal.point)
     sentences = failures.attempt(
         "the answer in sentences",
-        lambda: answer(trace, verdict, localisation, values),
-        lambda _: f"The verdict is: {verdict}.",
+        lambda: answer(trace, claims, localisation, values),
+        lambda _: f"The verdict is: {claims.verdict}.",
     )
     refitted = tuple(_value(trace, errors, name) for name in trace.free)
     return Outcome(
-        trace, verdict, sentences, values, judged, nominal, amended, localisation, failures=failures, refitted=refitted
+        trace,
+        claims.verdict,
+        sentences,
+        values,
+        judged,
+        nominal,
+        amended,
+        localisation,
+        failures=failures,
+        refitted=refitted,
+        refused=refused,
     )
 
 

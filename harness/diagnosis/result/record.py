@@ -10,6 +10,7 @@ from typing import Any
 
 from harness.common.arrays import Floats
 from harness.common.files import json_text, write_files
+from harness.common.places import inside, remove
 from harness.config.parameter_set import set_text
 from harness.diagnosis.criteria import HORIZONS, MASS
 from harness.diagnosis.innovations.disturbance_inputs import place_of
@@ -30,6 +31,8 @@ from harness.models.assembly.placement import load_effect, ports_of, split
 from harness.models.assembly.plan import GroundPlan, planner
 from harness.models.roles import VEHICLES
 from harness.models.signals import SIGNALS
+
+AMENDED = "amended.toml"
 
 SCHEMA_VERSION = 2
 """Version of the keys of ``trace.json``: one more when a key is removed or changes its meaning."""
@@ -58,6 +61,8 @@ def _search(outcome: Outcome) -> dict[str, Callable[[], Any]]:
         "candidates": lambda: [_candidate(c, n, outputs) for n, r in enumerate(trace.rounds, 1) for c in r.candidates],
         "added": lambda: [_added(h, outcome) for h in outcome.added if h.kind == "effect"],
         "parameters": lambda: [_added(h, outcome) for h in outcome.added if h.kind == "parameter"],
+        "claimed": lambda: _claimed(outcome),
+        "refused": lambda: _refused(outcome, outputs),
         "refitted": lambda: _refitted(outcome),
         "measured_ranges": lambda: _measured_ranges(trace.fitting.augmented),
         "unnamed": lambda: unmodelled_record(outcome.localisation.unmodelled),
@@ -65,6 +70,45 @@ def _search(outcome: Outcome) -> dict[str, Callable[[], Any]]:
         "posterior": lambda: _posterior(outcome.posterior),
         "confusable": lambda: _confusable(outcome.posterior),
         "not_excited": lambda: [c.hypothesis.name for c in trace.rounds[0].candidates if not c.score.excited],
+    }
+
+
+def _claimed(outcome: Outcome) -> dict[str, Any]:
+    """Return every addition with its probability and what may be there in its place."""
+    claims = outcome.claims
+    return {
+        "if_one_is_right": claims.conditional,
+        "at_bound": list(claims.at_bound),
+        "additions": [
+            {
+                "name": h.name,
+                "kind": h.kind,
+                "probability": claims.probability([h]),
+                "rivals": [
+                    {
+                        "name": None if r.hypothesis is None else r.hypothesis.name,
+                        "kind": None if r.hypothesis is None else r.hypothesis.kind,
+                        "probability": r.probability,
+                    }
+                    for r in claims.rivals(h)
+                ],
+            }
+            for h in outcome.added
+        ],
+    }
+
+
+def _refused(outcome: Outcome, outputs: list[str]) -> dict[str, Any] | None:
+    """Return what was added and is worse than the nominal model; ``None`` if nothing was."""
+    if outcome.refused is None:
+        return None
+    trace = outcome.refused.trace
+    by_kind = {kind: [_added(h, outcome) for h in trace.added if h.kind == kind] for kind in ("effect", "parameter")}
+    return {
+        "added": by_kind["effect"],
+        "parameters": by_kind["parameter"],
+        "error": _before_and_after(outputs, trace.before.error, trace.after.error),
+        "error_ratio": dict(zip(("value", "lower", "upper"), outcome.refused.growth.ratio, strict=True)),
     }
 
 
@@ -262,6 +306,8 @@ def write_outcome(outcome: Outcome, folder: Path) -> list[Path]:
         UserError: If the folder cannot be written to.
     """
     written = write_files(folder, {"trace.json": json_text(record(outcome))})
+    if outcome.refused is not None:
+        remove(inside(folder, AMENDED))  # of an earlier trace into the same folder
     model = outcome.trace.fitting.augmented.model
     written += outcome.failures.attempt(
         FILE, lambda: write_files(folder, {FILE: series_of(outcome.judged, model)}), lambda _: []
@@ -276,10 +322,12 @@ def _models(outcome: Outcome) -> dict[str, str]:
     comments = {
         v.name: f"{v.unit} +- {v.std:.3g}" for rows in outcome.values.values() for v in rows if math.isfinite(v.std)
     }
-    return {
+    nominal = {
         "nominal.toml": set_text(outcome.nominal, f"the nominal model refitted by harness trace on {names}", {}),
-        "amended.toml": set_text(outcome.amended, f"harness trace on {names}", comments),
     }
+    if outcome.refused is not None:  # a model that is worse than the nominal one is not offered
+        return nominal
+    return {**nominal, AMENDED: set_text(outcome.amended, f"harness trace on {names}", comments)}
 
 
 def ranking_record(localisation: Localisation, plan: GroundPlan | None) -> list[dict[str, Any]]:

@@ -18,6 +18,8 @@ from harness.diagnosis.fitting import FittedHypothesis
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.selection.score_test import Score, cosine
 from harness.diagnosis.selection.validation import Judgement, predicts_better
+from harness.identification.uncertainty import at_bound
+from harness.models.contracts import Parameter
 from harness.study.results import words
 
 
@@ -159,6 +161,48 @@ def beyond_belief(fitted: FittedHypothesis, added: Sequence[Hypothesis]) -> str:
         if deviations > PRIORS.implausible:
             beyond.append((deviations, f"{words(at.name)} {value / at.value(at.centre):.2g}"))
     return ", ".join(text for _, text in sorted(beyond, reverse=True)[:3])
+
+
+def implausible(parameters: Sequence[Parameter], fitted: FittedHypothesis, h: Hypothesis) -> bool:
+    """Whether what a fit says of a hypothesis is hard to believe, so that something large by nature may be there.
+
+    A stated value is off by more than ``PRIORS.implausible`` of its standard deviations, an amplitude ended at a bound,
+    or one is nearer to what it is where the effect is large by nature than to none of it.
+    """
+    if h.random:
+        return False
+    stated = [c for c in fitted.coordinates if h.kind == "parameter" and c.name in h.amplitudes]
+    off = (abs(c.coordinate(fitted.point.value(c)) - c.centre) / c.stated_std for c in stated)
+    if any(deviations > PRIORS.implausible for deviations in off) or ends_at_bound(parameters, fitted, [h]):
+        return True
+    natural = [(p, v) for p in parameters if p.name in h.amplitudes for v in p.natural]
+    values = {c.name: fitted.point.value(c) for c in fitted.coordinates}
+    return any(abs(values[p.name] - v) < abs(values[p.name] - (p.neutral or 0.0)) for p, v in natural)
+
+
+def ends_at_bound(
+    parameters: Sequence[Parameter], fitted: FittedHypothesis, added: Sequence[Hypothesis]
+) -> tuple[str, ...]:
+    """Return the amplitudes of additions whose fit ended at a bound of what is possible.
+
+    Such a one stands for something else, or for more than it can. That an effect is absent is no bound of it, and of
+    one that is large by nature, as an axle that is up, neither is the value that it has there.
+
+    Args:
+        parameters: Of the augmented model.
+        fitted: A fit.
+        added: What it holds.
+    """
+    declared = {p.name: p for p in parameters}
+    amplitudes = {n for h in added if not h.random for n in h.amplitudes}
+    ended = []
+    for c in (c for c in fitted.coordinates if c.name in amplitudes):
+        p, value = declared[c.name], fitted.point.value(c)
+        near = 0.01 * (p.upper - p.lower)
+        usual = any(abs(value - v) < near for v in (*p.natural, *([] if p.neutral is None else [p.neutral])))
+        if at_bound(c.coordinate(value), c.lower, c.upper) and not usual:
+            ended.append(c.name)
+    return tuple(ended)
 
 
 def preferred(passing: Sequence[Candidate]) -> Candidate | None:

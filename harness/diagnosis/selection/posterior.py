@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -198,6 +198,23 @@ class Posterior:
                 for h, share in zip(alike.hypotheses, alike.shares, strict=True):
                     inclusion[h] = inclusion.get(h, 0.0) + m.probability * share
         return dict(sorted(inclusion.items(), key=lambda item: -item[1]))
+
+    def refusing(self, refused: Callable[[ComparedModel], bool]) -> Posterior:
+        """Return the probabilities where some models are no answer: theirs is that of none of these.
+
+        Args:
+            refused: Whether a model is none; the nominal one is never asked for.
+        """
+        nominal = [m for m in self.models if not m.added]
+        gone = [m for m in self.models if m.added and m.share > 0.0 and refused(m)]
+        kept = [m for m in self.models if all(m is not g for g in gone)]
+        total = sum(m.share for m in kept)
+        if total > 0.0:
+            kept = [replace(m, share=m.share / total) for m in kept]
+        elif nominal:
+            kept = [replace(m, share=float(m is nominal[0])) for m in sorted(kept, key=lambda m: m is not nominal[0])]
+        models = (*kept, *(replace(m, share=0.0, probability=0.0) for m in gone))
+        return replace(self, models=models, none=self.none + sum(m.probability for m in gone))
 
     def with_unlisted(self, fitted: FittedHypothesis, gain: float) -> Posterior:
         """Return the probabilities where something unlisted was found beside a model.

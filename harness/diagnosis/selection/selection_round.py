@@ -25,6 +25,7 @@ from harness.diagnosis.selection.acceptance import (
     decide,
     distinct,
     hardest,
+    implausible,
     lookalikes,
     objections,
     same,
@@ -93,6 +94,10 @@ def _log_likelihoods(fits: CandidateFits, points: Sequence[ParameterPoint]) -> F
     return fits.augmented.log_likelihoods(fits.fitting.drives, fits.fitting.candidates(points))
 
 
+def _itself(point: ParameterPoint) -> ParameterPoint:
+    return point
+
+
 def selection_round(
     candidate_fits: CandidateFits, added: Added, without: list[FittedHypothesis], number: int
 ) -> SelectionRound:
@@ -151,6 +156,7 @@ class SelectionRound:
         self.fit_like_the_best()
         if not self.fits:
             return None
+        self.fit_large()
         again = self.again()
         gain = max(f.objective for f in self.fits.values()) - self.best.objective
         if again.objective - self.best.objective > max(BIC_NEEDED, MOST * gain):
@@ -272,6 +278,48 @@ class SelectionRound:
                 less, for_all = sorted((s, for_all), key=stands)
                 del self.fits[less.hypothesis]
                 self.candidate_fits.forget(self.candidate_fits.joined(self.added, less.hypothesis))
+
+    def fit_large(self) -> None:
+        """Fit what is large by nature from the values that it has then, if what leads is implausible.
+
+        About none of it a score promises little of an axle that is up, and a fit that starts there may end in another
+        maximum. The vehicle's own values begin as they are, and as stated: without it they stand for it.
+        """
+        fits = self.candidate_fits
+        leads, winner = max(self.fits.items(), key=lambda item: item[1].objective)
+        if not implausible(fits.augmented.model.parameters, winner, leads):
+            return
+        starts = [start for s in self.promised if not s.hypothesis.many for start in self.large(s)]
+        likely = _log_likelihoods(fits, [point for _, point in starts]) if starts else np.zeros(0)
+        nearest: dict[Hypothesis, tuple[Score, ParameterPoint]] = {}
+        for i in np.argsort(-np.where(np.isnan(likely), -np.inf, likely)):
+            nearest.setdefault(starts[i][0].hypothesis, starts[i])
+        chosen = [*nearest.values()][:TRIED]
+        if not chosen:
+            return
+        self.say(f"fitting {listed([s.hypothesis.name.replace('_', ' ') for s, _ in chosen])} as large as by nature")
+        models = [(fits.joined(self.added, s.hypothesis), partial(_itself, point)) for s, point in chosen]
+        for (s, _), fitted in zip(chosen, fits.fit_all(models, winner.objective, self.best.objective), strict=True):
+            before = self.fits.get(s.hypothesis)
+            self.fits[s.hypothesis] = fitted if before is None or fitted.objective > before.objective else before
+
+    def large(self, s: Score) -> list[tuple[Score, ParameterPoint]]:
+        """Return a hypothesis with where its fit may start if it is as large as it is by nature; nothing of others."""
+        h, augmented = s.hypothesis, self.candidate_fits.augmented
+        rows, free = ([augmented.row(n) for n in names] for names in (h.amplitudes, self.candidate_fits.free))
+        naturals = itertools.product(*(augmented.model.parameters[row].natural for row in rows))
+        as_stated = self.best.point.values.copy()
+        as_stated[free] = augmented.stated()[free, None]
+        starts = []
+        for natural, base in itertools.product(naturals, (self.best.point.values, as_stated)):
+            values = base.copy()
+            values[rows] = np.array(natural)[:, None]
+            for name, value in zip(h.shapes, s.shapes, strict=True):
+                values[augmented.row(name)] = value
+            for j, name in enumerate(h.change_times):
+                values[augmented.row(name)] = s.change_times[:, j]
+            starts.append((s, replace(self.best.point, values=values)))
+        return starts
 
     def likelier_names(self, winner: Candidate) -> list[Score]:
         """Return what says the same as a hypothesis that explains everything, and is likelier beforehand, if any is."""
