@@ -21,6 +21,7 @@ from harness.models.quantities import quantity, words
 from harness.reporting import style
 from harness.reporting.document import (
     Block,
+    Bullets,
     Drawing,
     Listing,
     Prose,
@@ -55,6 +56,7 @@ def report(outcome: Outcome, command: str, title: str = "", answer: str = "", ev
         *evidence,
         Section(lambda: _additions(outcome), "How large is it?"),
         Section(lambda: _axles(outcome), "What follows for the axles?", headed=False),
+        Section(lambda: _confounded(outcome), "What do these drives not tell apart?"),
         Section(lambda: residual_sections.unmodelled(outcome), "Which disturbance is not in the library?"),
         Section(lambda: study_gain.blocks(outcome.study_gain), "What does the amendment gain in a study?"),
         Section(lambda: residual_sections.where(outcome), "Where is something missing?"),
@@ -132,6 +134,18 @@ def _additions(outcome: Outcome) -> list[Block]:
 def _axles(outcome: Outcome) -> list[Block]:
     stated = outcome.trace.fitting.augmented.spec
     return axle_comparison({"stated": stated, "refitted": outcome.nominal, "amended": outcome.amended})
+
+
+def _confounded(outcome: Outcome) -> list[Block]:
+    """Return the directions in which the fitted drives tell nothing; nothing where there are none."""
+    if not outcome.confounded:
+        return []
+    text = (
+        "The Fisher information of the fitted drives alone, without what is known beforehand, on what was added or "
+        "refitted, on stated values and on what may be there in the place of additions. Each of these parameters would "
+        "be known alone; its value hinges on that of the others."
+    )
+    return [Prose(plain(text)), Bullets([plain(str(d)) for d in outcome.confounded])]
 
 
 def _breakable(equation: str) -> str:

@@ -183,6 +183,7 @@ def answer(trace: Trace, claims: Claims, localisation: Localisation, values: Map
             f" The {listed([words(n) for n in claims.at_bound])} ended at a bound of what is possible, so something "
             "else is there or more than that."
         )
+    also += "".join(f" {direction}" for direction in claims.hinging)
     change = gap(trace.before, final_judgement(trace, localisation))
     if process is not None:
         change = (change if trace.added else "") + _of_a_process(process)

@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from harness.diagnosis.criteria import BIC_NEEDED, EXCESS
-from harness.diagnosis.model.hypotheses import Hypothesis
+from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.residuals.localisation import Localisation
+from harness.diagnosis.result.confounded import Direction
 from harness.diagnosis.selection.acceptance import beyond_belief, ends_at_bound
 from harness.diagnosis.selection.forward_selection import Trace
 from harness.diagnosis.selection.posterior import ComparedModel, Posterior
@@ -77,6 +78,7 @@ class Claims:
         posterior: How likely each model is; ``None`` if that is not known.
         at_bound: Amplitudes of the additions that ended at a bound.
         refused: Additions that the final model lacks because they are worse than none, if there were any.
+        confounded: Directions in which the drives do not tell what was added or refitted from something else.
     """
 
     verdict: Verdict
@@ -84,6 +86,7 @@ class Claims:
     posterior: Posterior | None
     at_bound: tuple[str, ...] = ()
     refused: Refused | None = None
+    confounded: tuple[Direction, ...] = ()
 
     @property
     def conditional(self) -> bool:
@@ -102,6 +105,17 @@ class Claims:
         if self.posterior is None or not set(self.added).issuperset(wanted):  # a random process is none of the models
             return None
         return self.given_right * self.posterior.probability_of(wanted)
+
+    @property
+    def hinging(self) -> tuple[Direction, ...]:
+        """The directions with something that was added, of which the drives know a combination alone."""
+        added = {n for h in self.added for n in h.amplitudes if h.name != ALL_PARAMETERS}
+        return tuple(d for d in self.confounded if added.intersection((d.parameter, *d.changes)))
+
+    @property
+    def all_rivals(self) -> tuple[Hypothesis, ...]:
+        """What may be there in the place of any of the additions."""
+        return tuple({r.hypothesis: None for h in self.added for r in self.rivals(h) if r.hypothesis is not None})
 
     def adequate(self) -> float | None:
         """Return the probability of the model without additions, if there are none; ``None`` where it is not known."""

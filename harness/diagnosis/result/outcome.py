@@ -28,6 +28,7 @@ from harness.diagnosis.result.claims import (
     strays,
     without_additions,
 )
+from harness.diagnosis.result.confounded import Direction, confounded
 from harness.diagnosis.result.estimator_gain import EstimatorErrors, fitted_model
 from harness.diagnosis.result.study_gain import StudyGain
 from harness.diagnosis.selection.acceptance import ends_at_bound
@@ -92,6 +93,7 @@ class Outcome:
         failures: What could not be made after the search.
         refitted: What the final model has for the parameters that are fitted in any case.
         refused: Additions that the final model lacks because they are worse than none, if there were any.
+        confounded: Directions in which the drives do not tell what was added or refitted from something else.
     """
 
     trace: Trace
@@ -108,6 +110,7 @@ class Outcome:
     failures: Failures = RAISED
     refitted: tuple[Value, ...] = ()
     refused: Refused | None = None
+    confounded: tuple[Direction, ...] = ()
 
     @property
     def cautions(self) -> tuple[str, ...]:
@@ -124,7 +127,7 @@ class Outcome:
         """What is claimed."""
         parameters = self.trace.fitting.augmented.model.parameters
         bounds = ends_at_bound(parameters, self.trace.final, self.trace.added)
-        return Claims(self.verdict, self.trace.added, self.posterior, bounds, self.refused)
+        return Claims(self.verdict, self.trace.added, self.posterior, bounds, self.refused, self.confounded)
 
     @property
     def added(self) -> tuple[Hypothesis, ...]:
@@ -167,6 +170,12 @@ def outcome_of(trace: Trace, say: Say = lambda _: None, failures: Failures = RAI
         amended = localisation.random_process.spec
         values |= _of_process(localisation.random_process)
     claims = claims_of(trace, localisation, coloured, refused)
+    directions = failures.attempt(
+        "the directions that the drives do not tell apart",
+        lambda: confounded(trace, claims.all_rivals),
+        lambda _: (),
+    )
+    claims = replace(claims, confounded=directions)
     nominal = fitted_model(trace, trace.fitting.augmented.spec, trace.nominal.point)
     sentences = failures.attempt(
         "the answer in sentences",
@@ -186,6 +195,7 @@ def outcome_of(trace: Trace, say: Say = lambda _: None, failures: Failures = RAI
         failures=failures,
         refitted=refitted,
         refused=refused,
+        confounded=directions,
     )
 
 

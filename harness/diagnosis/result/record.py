@@ -21,6 +21,7 @@ from harness.diagnosis.residuals.localisation import Localisation
 from harness.diagnosis.residuals.order_analysis import PeriodicDisturbance
 from harness.diagnosis.residuals.unmodelled import UnmodelledDisturbance
 from harness.diagnosis.result.answer import described
+from harness.diagnosis.result.confounded import Direction
 from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.result.study_gain import StudyGain
 from harness.diagnosis.selection.acceptance import Candidate, Round
@@ -63,6 +64,7 @@ def _search(outcome: Outcome) -> dict[str, Callable[[], Any]]:
         "parameters": lambda: [_added(h, outcome) for h in outcome.added if h.kind == "parameter"],
         "claimed": lambda: _claimed(outcome),
         "refused": lambda: _refused(outcome, outputs),
+        "confounded": lambda: [_direction(d) for d in outcome.confounded],
         "refitted": lambda: _refitted(outcome),
         "measured_ranges": lambda: _measured_ranges(trace.fitting.augmented),
         "unnamed": lambda: unmodelled_record(outcome.localisation.unmodelled),
@@ -95,6 +97,20 @@ def _claimed(outcome: Outcome) -> dict[str, Any]:
             }
             for h in outcome.added
         ],
+    }
+
+
+def _direction(d: Direction) -> dict[str, Any]:
+    """Return a direction in which the drives tell nothing; changes of what is positive are those of its logarithm."""
+    changes = {d.parameter: d.change, **d.changes}
+    return {
+        "parameter": d.parameter,
+        "changes": {
+            name: {"change": change, "logarithmic": d.logarithmic[name], "unit": d.units[name]}
+            for name, change in changes.items()
+        },
+        "powers": d.powers,
+        "words": str(d),
     }
 
 
