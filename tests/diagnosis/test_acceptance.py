@@ -1,12 +1,10 @@
 """What a round of a trace fits and adds, and what the verdict makes of it, on hypotheses that are laid down."""
 
-import math
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from harness.common.statistics import Interval
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.report.probabilities import scaled
 from harness.diagnosis.report.summary import _certainty
@@ -16,8 +14,6 @@ from harness.diagnosis.selection import validation
 from harness.diagnosis.selection.acceptance import (
     Candidate,
     decide,
-    ends_at_bound,
-    implausible,
     lookalikes,
     objections,
     passes_except_error,
@@ -25,11 +21,8 @@ from harness.diagnosis.selection.acceptance import (
     with_further,
     with_sensor,
 )
-from harness.diagnosis.selection.posterior import Alike, ComparedModel, Posterior
 from harness.diagnosis.selection.selection_round import SelectionRound
 from harness.diagnosis.selection.validation import Judgement, leaves_nothing, predicts_better
-from harness.identification.coordinates import parameter_coordinate
-from harness.models.contracts import Parameter
 
 
 def passing(name, excess, allowed=0.0, random=False, bic=1000.0):
@@ -454,73 +447,3 @@ def test_the_error_of_a_perfect_model_is_that_of_the_sensors_over_all_samples(mo
     drives = [SimpleNamespace(spread=np.tile([0.16, s], (n, 1))) for s, n in ((0.0, 5), (4.0, 3))]
     held_out = validation.HeldOut(None, drives, np.array([0.09, 1.0]))
     np.testing.assert_allclose(held_out.floor, np.sqrt([0.25, 1.0 + 4.0 * 3 / 8]))
-
-
-def judged_by(errors, wander=0.0):
-    """Return a held-out drive of 60 s with unit noise, and a model whose free run is off by errors ``(samples,)``."""
-    time = np.arange(0.0, 60.0, 0.05)
-    noise = np.random.default_rng(3).normal(size=(len(time), 1))
-    drive = SimpleNamespace(time=time, measurements=noise, spread=np.zeros((len(time), 1)))
-    held_out = SimpleNamespace(drives=(drive,), variances=np.ones(1))
-    simulated = np.broadcast_to(np.asarray(errors, float), time.shape)[:, None]
-    excess = np.array([np.mean(np.broadcast_to(errors, time.shape) ** 2)])
-    each = (SimpleNamespace(drive=drive, simulated=simulated),)
-    return held_out, Judgement(0.0, np.zeros(1), excess, each, None, wander=wander)
-
-
-def test_a_model_that_simulates_the_held_out_drives_worse_is_refused_beyond_the_noise_of_the_error():
-    held_out, nominal = judged_by(1.0)
-    growth = validation.error_growth(held_out, nominal, judged_by(3.0)[1])
-    assert growth.beyond_noise
-    assert growth.ratio.lower < growth.ratio.value < growth.ratio.upper
-    assert growth.ratio.value == pytest.approx(math.sqrt(10.0 / 2.0), rel=0.05)
-    assert not validation.error_growth(held_out, nominal, judged_by(1.0)[1]).beyond_noise
-    assert not validation.error_growth(held_out, nominal, judged_by(0.3)[1]).beyond_noise
-    late = np.where(np.arange(1200) >= 1150, 3.0, 1.0)  # in one block of twelve: as well the noise of another drive
-    assert not validation.error_growth(held_out, nominal, judged_by(late)[1]).beyond_noise
-
-
-def test_beside_a_random_process_a_fifth_more_excess_is_no_growth_and_its_allowance_is_no_excuse():
-    held_out, nominal = judged_by(1.0)
-    slightly = judged_by(1.07)[1]  # 15 % more excess
-    assert validation.error_growth(held_out, nominal, slightly).beyond_noise
-    assert not validation.error_growth(held_out, nominal, judged_by(1.07, wander=0.3)[1]).beyond_noise
-    assert validation.error_growth(held_out, nominal, judged_by(3.0, wander=50.0)[1]).beyond_noise
-
-
-def test_a_free_run_that_leaves_the_range_is_worse_than_one_that_stays():
-    held_out, nominal = judged_by(1.0)
-    lost = Judgement(0.0, np.zeros(1), np.array([np.inf]), (), None)
-    growth = validation.error_growth(held_out, nominal, lost)
-    assert growth.beyond_noise
-    assert math.isinf(growth.ratio.value)
-    assert not validation.error_growth(held_out, lost, nominal).beyond_noise
-
-
-@pytest.mark.parametrize(
-    ("value", "ended"), [(-0.4995, True), (0.2, False), (0.0, False), (0.9945, False)], ids=["bound", "in", "no", "up"]
-)
-def test_an_amplitude_at_a_bound_is_no_answer_unless_it_is_what_it_is_by_nature(value, ended):
-    lift = Parameter("axle_lift", "l", "dimensionless", -0.5, 0.995, "", neutral=0.0, natural=(0.99,))
-    c = parameter_coordinate(lift, 0, 0.0, math.inf, 1.0)
-    fit = SimpleNamespace(coordinates=(c,), point=SimpleNamespace(value=lambda _: value))
-    h = Hypothesis("lifted_axle", "effect", ("axle_lift",))
-    assert ends_at_bound([lift], fit, [h]) == (("axle_lift",) if ended else ())
-    assert implausible([lift], fit, h) == (ended or value > 0.5)
-
-
-def test_the_probability_of_refused_models_is_that_of_none_of_these():
-    zero, alone = np.zeros(1), Interval(0.0, 0.0, 0.0)
-
-    def model(share, *names):
-        added = tuple(Alike((Hypothesis(n, "effect", (n,)),), (1.0,)) for n in names)
-        return ComparedModel(added, None, 0.0, zero, alone, share, 0.8 * share)
-
-    models = (model(0.9, "gust"), model(0.08, "lag"), model(0.02))
-    some = Posterior(models, 0.2, zero).refusing(lambda m: m is models[0])
-    assert some.none == pytest.approx(0.2 + 0.8 * 0.9)
-    assert [m.share for m in some.models] == pytest.approx([0.8, 0.2, 0.0])
-    assert [m.probability for m in some.models] == pytest.approx([0.064, 0.016, 0.0])
-    everything = Posterior((*models[:1], model(0.0)), 0.2, zero).refusing(lambda m: True)
-    assert everything.none == pytest.approx(0.2 + 0.8 * 0.9)
-    assert (everything.models[0].added, everything.models[0].share) == ((), 1.0)
