@@ -25,6 +25,7 @@ from harness.models.roles import PARAMETERS
 
 ROOT = Path(__file__).parents[2]
 TIME = np.arange(0.0, 4.0, 0.02)
+DATABASES = ("dbc", "kcd", "sym", "arxml")
 COLUMNS = {
     "time": TIME,
     "speed": 20.0 + 0.1 * TIME,
@@ -87,6 +88,12 @@ def kinds(folder: Path) -> dict[str, Kind]:
         "mat": files(0.09, "a.mat", _recording),
         "mdf": files(0.06, "a.mf4", _recording),
         "parquet": files(0.05, "a.parquet", _recording),
+        **{form: files(0.04, f"bus.{form}", lambda path: _bus(path, made / "bus.dbc")) for form in ("blf", "mf4")},
+        **{
+            form: files(0.02, f"bus.{form}", lambda path: _bus(path, made / "bus.dbc"))
+            for form in ("asc", "log", "trc")
+        },
+        **{form: files(0.02, f"bus.{form}", lambda path: _bus(made / "bus.blf", path)) for form in DATABASES},
         "network": files(0.07, "n.npz", _network, _npz()),
         "result folder": Kind(
             0.02,
@@ -193,10 +200,13 @@ def _network_file() -> Path:
 
 def _good(folder: Path) -> dict[str, bytes]:
     """Write a good file of each binary kind, and return the bytes."""
+    import cantools
     import h5py
     import pandas as pd
     import scipy.io
     from asammdf import MDF, Signal
+
+    from support import bus_logs
 
     table = pd.DataFrame(COLUMNS)
     table.to_csv(folder / "a.csv", index=False)
@@ -214,6 +224,12 @@ def _good(folder: Path) -> dict[str, bytes]:
         with MDF(version="4.10") as file:
             file.append([Signal(v, TIME, name=n) for n, v in COLUMNS.items() if n != "time"])
             file.save(folder / name, overwrite=True, compression=compression)
+    for form in ("blf", "asc", "log", "trc", "mf4"):
+        bus_logs.write(folder / f"bus.{form}", bus_logs.frames(5))
+    described = cantools.database.load_string(bus_logs.DBC, "dbc")
+    databases = (bus_logs.DBC, described.as_kcd_string(), described.as_sym_string(), bus_logs.ARXML)
+    for form, text in zip(DATABASES, databases, strict=True):
+        (folder / f"bus.{form}").write_text(text, encoding="utf-8")
     (folder / "n.npz").write_bytes(_network_file().read_bytes())
     return {p.name: p.read_bytes() for p in folder.iterdir() if p.is_file()}
 
@@ -296,6 +312,12 @@ def _recording(path: Path, channels: Path | None = None) -> object:
     from harness.recordings import load_recording
 
     return load_recording(path, channels)
+
+
+def _bus(path: Path, database: Path) -> object:
+    from harness.recordings.readers import read_tables
+
+    return read_tables(path, None, [str(database)])
 
 
 def _network(path: Path) -> object:

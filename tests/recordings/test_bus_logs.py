@@ -1,8 +1,12 @@
+import struct
+import tracemalloc
+import zlib
 from pathlib import Path
 
 import cantools
 import numpy as np
 import pytest
+from asammdf import MDF, Signal
 
 from harness.common.errors import UserError
 from harness.recordings import load_recording, readers
@@ -161,14 +165,15 @@ def test_stamps_relative_to_the_line_before_are_refused(log, tmp_path):
         readers.read_tables(path, None, [str(log[1])])
 
 
-@pytest.mark.parametrize("kind", ["kcd", "sym"])
+@pytest.mark.parametrize("kind", ["kcd", "sym", "arxml"])
 def test_other_databases_give_the_same_signals(log, tmp_path, kind):
     loaded = cantools.database.load_string(bus_logs.DBC, "dbc")
     other = tmp_path / f"bus.{kind}"
-    text = loaded.as_kcd_string() if kind == "kcd" else loaded.as_sym_string()
+    text = {"kcd": loaded.as_kcd_string(), "sym": loaded.as_sym_string(), "arxml": bus_logs.ARXML}[kind]
     other.write_text(text, encoding="utf-8")
     expected, read = signals(log[2]["blf"], log[1]), signals(log[2]["blf"], other)
-    for name in ("1.Motion.YawRate", "Long.Count", "Angle.Wheel", "Wide.Behind"):
+    names = ("1.Motion.YawRate", "Long.Count", "Angle.Wheel", "Wide.Behind")
+    for name in names[: 1 if kind == "arxml" else None]:
         np.testing.assert_array_equal(read[name][1], expected[name][1], err_msg=name)
 
 
@@ -188,6 +193,43 @@ def test_an_absent_package_is_one_line_that_names_the_extra(log, monkeypatch, mo
     monkeypatch.setitem(__import__("sys").modules, module, None)
     with pytest.raises(UserError, match=r"pip install \"robustness-harness\[can\]\"$"):
         readers.read_tables(log[2]["asc"], None, [str(log[1])])
+
+
+def test_blocks_that_unpack_into_more_than_they_state_are_refused(log, tmp_path):
+    content = bytearray(log[2]["blf"].read_bytes())
+    at = content.index(b"LOBJ") + 16
+    assert int.from_bytes(content[at : at + 2], "little") == 2
+    content[at + 8 : at + 12] = (100).to_bytes(4, "little")
+    path = tmp_path / "a.blf"
+    path.write_bytes(content)
+    with pytest.raises(UserError, match="unpacks into more than the 100 bytes that it states"):
+        readers.read_tables(path, None, [str(log[1])])
+
+
+def test_a_log_that_unpacks_into_too_much_is_refused(log, tmp_path):
+    path = tmp_path / "a.blf"
+    packed = zlib.compress(bytes(2**27), 9)
+    container = struct.pack("<4sHHLL", b"LOBJ", 16, 1, 32 + len(packed), 10) + struct.pack("<H6xL4x", 2, 2**27)
+    path.write_bytes(log[2]["blf"].read_bytes()[:144] + container + packed)
+    tracemalloc.start()
+    with pytest.raises(UserError, match="unpacked"):
+        readers.read_tables(path, None, [str(log[1])])
+    assert tracemalloc.get_traced_memory()[1] < 2**28 + 2**25
+    tracemalloc.stop()
+
+
+@pytest.mark.parametrize("stated", [2**30, 1000])
+def test_packed_blocks_of_an_mdf_file_hold_what_they_state(tmp_path, stated):
+    path = tmp_path / "a.mf4"
+    with MDF(version="4.10") as file:
+        file.append([Signal(np.zeros(100_000), np.arange(1e5), name="speed")])
+        file.save(path, compression=1)
+    content = bytearray(path.read_bytes())
+    at = content.index(b"##DZ") + 32
+    content[at : at + 8] = stated.to_bytes(8, "little")
+    path.write_bytes(content)
+    with pytest.raises(UserError, match=r"unpacked,? has|holds more than the 1000 that it states"):
+        readers.read_tables(path)
 
 
 @real

@@ -21,6 +21,11 @@ MOST_COLUMNS = 10_000
 MOST_BYTES = 8 * 2**30
 """Of a recording, unpacked."""
 
+MOST_PACKED = 100
+"""Bytes that a byte of a packed log is unpacked into at most; measurements are packed to a half or a tenth."""
+LEAST_PACKED = 64 * 2**20
+"""Bytes that any file may be unpacked into."""
+
 
 @dataclass(frozen=True)
 class Table:

@@ -18,14 +18,10 @@ from numpy.typing import NDArray
 from harness.common.files import refuse_beyond, refuse_damaged
 from harness.recordings.readers._decode import decoded
 from harness.recordings.readers._frames import EXTENDED, Part, joined
-from harness.recordings.readers._table import Table, Wanted
+from harness.recordings.readers._table import LEAST_PACKED, MOST_PACKED, Table, Wanted
 
 SUFFIXES = (".blf",)
 
-_MOST_PACKED = 100
-"""Bytes that a byte is unpacked into at most; bus traffic is packed to a third or a tenth."""
-_LEAST = 64 * 2**20
-"""Bytes that any file may be unpacked into."""
 _LARGEST = 256 * 2**20
 """Bytes of one block; 128 KiB is usual."""
 _LONGEST = 16 * 2**20
@@ -91,7 +87,7 @@ def _blocks(stream: BinaryIO, path: str) -> Iterator[bytes]:
             raise ValueError(f"no object at byte {stream.tell() - 16}")
         content = stream.read(length - 16)
         stream.read(length % 4)
-        if kind != _CONTAINER:
+        if kind != _CONTAINER or len(content) < 16:  # a logger without power leaves part of a block
             continue
         method, stated = struct.unpack_from("<H6xL4x", content)
         block = content[16:]
@@ -101,7 +97,7 @@ def _blocks(stream: BinaryIO, path: str) -> Iterator[bytes]:
             if unpacker.unconsumed_tail and not unpacker.eof and unpacker.decompress(unpacker.unconsumed_tail, 1):
                 raise ValueError(f"a block unpacks into more than the {stated} bytes that it states")
         unpacked += len(block)
-        refuse_beyond(path, "the file, unpacked,", unpacked, max(_LEAST, _MOST_PACKED * size), "bytes")
+        refuse_beyond(path, "the file, unpacked,", unpacked, max(LEAST_PACKED, MOST_PACKED * size), "bytes")
         yield block
 
 

@@ -5,10 +5,14 @@ Raw frames of CAN buses (ASAM bus logging) are decoded by the databases that the
 
 from __future__ import annotations
 
+import contextlib
 import logging
+import mmap
 import os
 import re
+import struct
 import tempfile
+import zlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -21,15 +25,19 @@ from harness.common.errors import UserError
 from harness.common.files import refuse_beyond, refuse_damaged
 from harness.recordings.readers._decode import decoded
 from harness.recordings.readers._frames import EXTENDED, Frames, Part, joined
-from harness.recordings.readers._table import MOST_BYTES, MOST_COLUMNS, Table, Wanted
+from harness.recordings.readers._table import LEAST_PACKED, MOST_BYTES, MOST_COLUMNS, MOST_PACKED, Table, Wanted
 
-_MOST_PACKED = 1100
+_DEFLATE = 1100
 """Bytes that a byte can be unpacked into at most (deflate)."""
 
 _OF_A_BUS = re.compile(r"(CAN|LIN|FlexRay|FLX|Ethernet|ETH|K_LINE|MOST|USB)_[A-Z]\w*(\.\w+)?$")
 _DATA = "CAN_DataFrame."
 _OF_DLC = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64], dtype=np.uint8)
 """Bytes by the code for the length of a frame (ISO 11898-1)."""
+
+_PACKED = struct.Struct("<26xB5xQQ")
+"""Head of a packed block: how it is packed, bytes unpacked, bytes packed."""
+_DEFLATED = (0, 1)
 
 SUFFIXES = (".mf4", ".mdf", ".dat")
 
@@ -58,7 +66,8 @@ def read(path: str, wanted: Wanted | None = None, databases: Sequence[str] = ())
         refuse_damaged(path, "MDF file"),
     ):
         _refuse_circles(path)
-        with MDF(path, temporary_folder=folder) as file:
+        _refuse_packed(path)
+        with MDF(path, temporary_folder=folder, process_bus_logging=False) as file:
             _refuse_sizes(file, path)
             tables, frames = _tables(file), _frames(file, path)
             begun = file.header.start_time.timestamp()
@@ -96,6 +105,29 @@ def _refuse_circles(path: str) -> None:
                 pass
 
 
+def _refuse_packed(path: str) -> None:
+    """Refuse a file whose packed blocks (``DZ``) hold more than they state, or more than any recording.
+
+    Raises:
+        UserError: If they hold more than any recording.
+        ValueError: If one holds more than it states.
+    """
+    size, unpacked = os.path.getsize(path), 0
+    with open(path, "rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        at = content.find(b"##DZ")
+        while 0 <= at <= size - _PACKED.size:
+            kind, stated, packed = _PACKED.unpack_from(content, at)
+            unpacked += stated
+            refuse_beyond(path, "the file, unpacked,", unpacked, max(LEAST_PACKED, MOST_PACKED * size), "bytes")
+            if kind in _DEFLATED:
+                begin = at + _PACKED.size
+                with contextlib.suppress(zlib.error):  # which asammdf says, if it is a block at all
+                    part = zlib.decompressobj().decompress(content[begin : begin + packed], stated + 1)
+                    if len(part) > stated:
+                        raise ValueError(f"the packed block at byte {at} holds more than the {stated} that it states")
+            at = content.find(b"##DZ", at + 1)
+
+
 def _refuse_sizes(file: Any, path: str) -> None:
     """Refuse a file before room is made for its samples.
 
@@ -107,7 +139,7 @@ def _refuse_sizes(file: Any, path: str) -> None:
     for index, group in enumerate(file.groups):
         about = group.channel_group
         claimed = about.cycles_nr * (about.samples_byte_nr + getattr(about, "invalidation_bytes_nr", 0))
-        if claimed > _MOST_PACKED * size:
+        if claimed > _DEFLATE * size:
             raise ValueError(f"channel group {index} claims {claimed} bytes of samples in a file of {size}")
         channels += len(group.channels)
         values += len(group.channels) * about.cycles_nr
