@@ -61,6 +61,20 @@ def test_a_wrong_mass_hinges_on_what_was_held(fitting):
     assert {*direction.changes} == {"yaw_inertia", *FREE}
 
 
+def test_what_hardly_changes_is_not_named(fitting):
+    """At the stated values the stiffness grows with the load nearly as the mass does."""
+    trace = traced(fitting, ALL)
+    trace.final.point = fitting.first()
+    direction = confounded(trace, ())[0]
+    assert (direction.parameter, direction.named, direction.powers) == ("mass", ("yaw_inertia",), {"yaw_inertia": 1.0})
+    assert {*direction.changes} == {"yaw_inertia", *FREE}
+    assert str(direction) == "These drives know the yaw inertia over the mass, but neither alone."
+
+
+def test_an_amplitude_that_ended_at_none_of_it_is_not_in_question(fitting):
+    assert confounded(traced(fitting, (), "sensor_bias@yaw_rate"), ()) == ()
+
+
 def test_what_the_drives_know_is_not_confounded(fitting, augmented):
     """A bias of one sensor is like no value of the vehicle."""
     trace = traced(fitting, (), "sensor_bias@yaw_rate")
@@ -88,6 +102,7 @@ def test_a_direction_is_said_in_powers_or_as_a_sum():
                 name,
                 0.1,
                 {"stiffness": change},
+                ("stiffness",),
                 dict.fromkeys(names, logarithmic),
                 dict(zip(names, units, strict=True)),
             )

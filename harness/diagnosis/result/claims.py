@@ -110,7 +110,7 @@ class Claims:
     def hinging(self) -> tuple[Direction, ...]:
         """The directions with something that was added, of which the drives know a combination alone."""
         added = {n for h in self.added for n in h.amplitudes if h.name != ALL_PARAMETERS}
-        return tuple(d for d in self.confounded if added.intersection((d.parameter, *d.changes)))
+        return tuple(d for d in self.confounded if added.intersection((d.parameter, *d.named)))
 
     @property
     def all_rivals(self) -> tuple[Hypothesis, ...]:

@@ -27,7 +27,11 @@ from harness.models.quantities import listed, print_unit, words
 from harness.reporting import style
 
 _FURTHER = 3
-"""Values that were held with which one that was fitted may be confounded; a longer sum names nothing."""
+"""Values that were held with which one that was fitted may be confounded, and values that a direction names; a longer
+sum names nothing."""
+
+_NAMED = 0.2
+"""Share of the largest change, each over what it may be off beforehand, from which another one is named."""
 
 _ALONE = 10.0
 """How many times better than beforehand the drives would know a parameter alone, for it to be in question."""
@@ -55,6 +59,7 @@ class Direction:
         parameter: What is in question.
         change: Of it along the direction: of its logarithm where ``logarithmic``, else in its unit.
         changes: Of the others: what of them leaves the drives as they are.
+        named: Those of them that change most.
         logarithmic: Of each parameter, whether changes are those of its logarithm.
         units: SI units of the parameters.
     """
@@ -62,15 +67,16 @@ class Direction:
     parameter: str
     change: float
     changes: dict[str, float]
+    named: tuple[str, ...]
     logarithmic: dict[str, bool]
     units: dict[str, str]
 
     @property
     def powers(self) -> dict[str, float] | None:
         """By which power of the parameter's factor each other one grows; ``None`` if not all are small integers."""
-        if not all(self.logarithmic.values()):
+        if not all(self.logarithmic[n] for n in (self.parameter, *self.named)):
             return None
-        ratios = {n: change / self.change for n, change in self.changes.items()}
+        ratios = {n: self.changes[n] / self.change for n in self.named}
         powers = np.array([*_POWERS])
         nearest = {n: float(powers[np.argmin(np.abs(powers - ratio))]) for n, ratio in ratios.items()}
         exact = all(abs(p - ratios[n]) < _INTEGER for n, p in nearest.items())
@@ -83,9 +89,11 @@ class Direction:
             products = [_POWERS[p].format(f"the {words(n)}", f"the {own}") for n, p in powers.items()]
             alone = "neither" if len(products) == 1 else "none of these"
             return f"These drives know {listed(products)}, but {alone} alone."
-        others = listed([f"{self._changed(n, -c)} of the {words(n)}" for n, c in self.changes.items()])
+        others = listed(
+            [f"{self._changed(n, -c)} of the {words(n)}" for n, c in self.changes.items() if n in self.named]
+        )
         return (
-            f"These drives do not tell the {own} from the {listed([words(n) for n in self.changes])}: "
+            f"These drives do not tell the {own} from the {listed([words(n) for n in self.named])}: "
             f"{self._changed(self.parameter, self.change)} of the {own} acts as {others}."
         )
 
@@ -119,16 +127,18 @@ def confounded(trace: Trace, rivals: Sequence[Hypothesis]) -> tuple[Direction, .
     directions: list[Direction] = []
     for name in dict.fromkeys([*added, *trace.free]):
         at = next((i for i, c in enumerate(every) if c.name == name and not c.drives), None)
-        if at is None or seen[at] * widths[at] < _ALONE:
+        if at is None or not math.isfinite(widths[at]) or seen[at] * widths[at] < _ALONE:
             continue
         usable = [i for i in range(len(every)) if i != at and seen[i] > 0 and not seen[i] * widths[i] < _ALONE]
         first = [i for i in usable if i < len(moved)]
         found = null_direction(R, at, first, [i for i in usable if i >= len(moved)], float(widths[at]))
         if not found or any(abs(d) > PRIORS.implausible * widths[i] for i, d in found.items()):
             continue
-        direction = _direction(every, at, float(widths[at]), found)
-        sets = [{d.parameter, *d.changes} for d in directions]
-        if {direction.parameter, *direction.changes} not in sets:
+        shares = {i: abs(d) / widths[i] if math.isfinite(widths[i]) else math.inf for i, d in found.items()}
+        named = [i for i in found if shares[i] >= _NAMED * max(shares.values())]
+        direction = _direction(every, (at, float(widths[at])), found, named)
+        sets = [{d.parameter, *d.named} for d in directions]
+        if len(named) <= _FURTHER and {direction.parameter, *direction.named} not in sets:
             directions.append(direction)
     return tuple(directions)
 
@@ -175,14 +185,17 @@ def _width(c: Coordinate, value: float) -> float:
     return abs(value) / c.scale if value != 0.0 else math.inf
 
 
-def _direction(every: Sequence[Coordinate], at: int, width: float, found: dict[int, float]) -> Direction:
-    chosen = [every[at], *(every[i] for i in found)]
-    steps = zip(chosen, (width, *found.values()), strict=True)
+def _direction(
+    every: Sequence[Coordinate], own: tuple[int, float], found: dict[int, float], named: Sequence[int]
+) -> Direction:
+    chosen = [every[own[0]], *(every[i] for i in found)]
+    steps = zip(chosen, (own[1], *found.values()), strict=True)
     scaled = [step if c.logarithmic else step * c.scale for c, step in steps]
     return Direction(
         chosen[0].name,
         scaled[0],
         {c.name: change for c, change in zip(chosen[1:], scaled[1:], strict=True)},
+        tuple(every[i].name for i in named),
         {c.name: c.logarithmic for c in chosen},
         {c.name: c.unit for c in chosen},
     )

@@ -109,6 +109,7 @@ def _direction(d: Direction) -> dict[str, Any]:
             name: {"change": change, "logarithmic": d.logarithmic[name], "unit": d.units[name]}
             for name, change in changes.items()
         },
+        "named": list(d.named),
         "powers": d.powers,
         "words": str(d),
     }
