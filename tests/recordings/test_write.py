@@ -37,18 +37,18 @@ def test_mf4_has_units_and_the_clock_of_the_log(recording, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["a.mf4"]
 
 
-def test_mcap_has_a_schema_with_units_and_no_value_where_there_is_none(recording, tmp_path):
+def test_mcap_is_a_bag_with_units_on_the_clock_of_the_log(recording, tmp_path):
     path = tmp_path / "a.mcap"
     write.write_recording(recording, path)
     messages = list(make_reader(io.BytesIO(path.read_bytes())).iter_messages())
     schema, channel, first = messages[0]
-    assert json.loads(schema.data)["properties"]["speed"]["description"] == "estimate of the speed, m/s"
-    assert (channel.message_encoding, schema.encoding) == ("json", "jsonschema")
+    assert schema.data.decode().splitlines()[1] == "float64 speed # estimate of the speed, m/s"
+    assert (channel.message_encoding, schema.encoding) == ("cdr", "ros2msg")
     assert json.loads(channel.metadata["units"])["yaw_rate"] == "rad/s"
     assert first.log_time == 1_600_000_012_500_000_000
-    rows = [json.loads(m.data) for _, _, m in messages]
-    assert [r["yaw_rate"] for r in rows] == recording["yaw_rate"].values.tolist()
-    assert [i for i, r in enumerate(rows) if "speed" not in r] == [7]
+    (table,) = readers.read_tables(path)
+    for name in recording:
+        np.testing.assert_array_equal(table.columns[f"/harness.{name}"], recording[name])
 
 
 def test_parquet_has_units_in_the_metadata_of_its_columns(recording, tmp_path):

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import io
 import json
-import math
 import tempfile
 from collections.abc import Callable
 from datetime import UTC, datetime
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from harness.common import places
 from harness.common.errors import UserError
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from harness.common.arrays import Floats
 
 _TOPIC = "/harness"
+_LITTLE_ENDIAN = b"\0\1\0\0"
 _UNIT = b"unit"
 """Key of the metadata of a column of Parquet."""
 
@@ -125,25 +127,23 @@ def _mf4(recording: xr.Dataset) -> bytes:
 
 
 def _mcap(recording: xr.Dataset) -> bytes:
+    """Return a bag of ROS 2 with one topic, whose messages have a number for each signal (CDR)."""
     from mcap.writer import Writer
 
-    units = _units(recording)
-    about = {
-        str(name): {"type": "number", "description": f"{v.attrs.get('long_name', name)}, {v.attrs.get('units', '1')}"}
-        for name, v in recording.data_vars.items()
-    }
+    variables, units = list(recording.data_vars.values()), _units(recording)
+    fields = [
+        f"float64 {v.name} # {v.attrs.get('long_name', v.name)}, {units.get(str(v.name), '1')}" for v in variables
+    ]
     stream = io.BytesIO()
     writer = Writer(stream)
-    writer.start(library="robustness-harness")
-    schema = json.dumps({"type": "object", "properties": about}).encode()
-    number = writer.register_schema("harness.Signals", "jsonschema", schema)
-    channel = writer.register_channel(_TOPIC, "json", number, {"units": json.dumps(units)})
+    writer.start(profile="ros2", library="robustness-harness")
+    schema = writer.register_schema("harness/msg/Signals", "ros2msg", "\n".join(fields).encode())
+    channel = writer.register_channel(_TOPIC, "cdr", schema, {"units": json.dumps(units)})
     begun = round(float(recording.attrs.get("begun", 0.0)) * 1e9)
-    names, rows = list(about), zip(*(v.to_numpy().tolist() for v in recording.data_vars.values()), strict=True)
+    rows = np.stack([v.to_numpy().astype("<f8") for v in variables], axis=1)
     for stamp, row in zip(_stamps(recording).tolist(), rows, strict=True):
-        values = {name: value for name, value in zip(names, row, strict=True) if math.isfinite(value)}
         at = begun + round(stamp * 1e9)
-        writer.add_message(channel, at, json.dumps(values).encode(), at)
+        writer.add_message(channel, at, _LITTLE_ENDIAN + row.tobytes(), at)
     writer.finish()
     return stream.getvalue()
 
