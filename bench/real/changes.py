@@ -7,13 +7,13 @@ The sizes are those of tolerances, of a fleet and of a defect, as in ``docs/attr
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from bench.real.sensors import CHANNELS, Fault
-from bench.real.specimens import effective_stiffness
+from bench.real.specimens import AXLES, Values, assemble, effective_stiffness, lean
 
 MAGNITUDES = ("small", "medium", "large")
 
@@ -83,8 +83,8 @@ def draw_change(
     vehicle: str,
     kind: str,
     magnitude: str,
-    v: Mapping[str, float],
-    sheet: Mapping[str, float],
+    v: Values,
+    sheet: Values,
     rng: np.random.Generator,
 ) -> Change:
     """Return a change of a vehicle.
@@ -128,7 +128,7 @@ def _of_sensors(vehicle: str, kind: str, s: float, rng: np.random.Generator) -> 
     return Change(kind, channel, s, fault=fault, names=(name,), parameters={f"{parameter}_{channel}": s})
 
 
-def _of_multi_body(kind: str, s: float, sheet: Mapping[str, float]) -> Change:
+def _of_multi_body(kind: str, s: float, sheet: Values) -> Change:
     if kind in ("mass", "inertia", "friction"):
         name = {"mass": "mass", "inertia": "yaw_inertia", "friction": "friction"}[kind]
         own = "grip" if kind == "friction" else name
@@ -157,32 +157,43 @@ _RIGHT: dict[str, tuple[str, ...]] = {
 """Names beside the obvious one: the axle that stands askew is, without a sideslip sensor, an offset of the steering."""
 
 
-def _scaled(v: Mapping[str, float], names: tuple[str, ...], s: float) -> dict[str, float]:
+def _scaled(v: Values, names: tuple[str, ...], s: float) -> dict[str, float]:
     return {name: v[name] * (1.0 + s) for name in names}
 
 
-def _stiffness(vehicle: str, v: Mapping[str, float], sheet: Mapping[str, float], group: str, s: float) -> Change:
+def _stiffness(vehicle: str, v: Values, sheet: Values, group: str, s: float) -> Change:
     """Return a change of the tyres of an axle; of the stiffness of the axle its suspension leaves a part."""
     values = {f"stiffness_{group}": v[f"stiffness_{group}"] * (1.0 + s)}
-    ratio = effective_stiffness(vehicle, {**v, **values}, group) / effective_stiffness(vehicle, v, group)
-    name = f"stiffness_peak_{group}"
-    names = (f"parameter:{name}", f"parameter:stiffness_load_{group}", "toe_compliance")
-    names += ("steering_compliance",) if group in ("front", "11") else ()
-    return Change("stiffness", group, s, values, names=names, parameters={name: sheet[name] * (ratio - 1.0)})
+    return _softer(vehicle, v, sheet, group, Change("stiffness", group, s, values))
 
 
-def _compliance(vehicle: str, v: Mapping[str, float], s: float) -> Change:
-    """Return a column that gives; it is the softer front axle but for what the tyres lose in their curve."""
+def _compliance(vehicle: str, v: Values, sheet: Values, s: float) -> Change:
+    """Return a column that gives."""
     front = {"car": "front", "semitrailer": "11"}[vehicle]
     more = s / effective_stiffness(vehicle, v, front)
     values = {"steering_compliance": v["steering_compliance"] + more}
-    names = (
-        "steering_compliance",
-        f"parameter:stiffness_peak_{front}",
-        f"parameter:stiffness_load_{front}",
-        "toe_compliance",
-    )
-    return Change("compliance", "", more, values, names=names, parameters={"steering_compliance": more})
+    return _softer(vehicle, v, sheet, front, Change("compliance", "", more, values))
+
+
+def _softer(vehicle: str, v: Values, sheet: Values, group: str, change: Change) -> Change:
+    """Return a change of an axle's stiffness with its names: as compliance it is the same, but where tyres saturate."""
+    before, after = (effective_stiffness(vehicle, x, group) for x in (v, {**v, **change.values}))
+    peak, given = f"stiffness_peak_{group}", 1.0 / after - 1.0 / before
+    names = (f"parameter:{peak}", f"parameter:stiffness_load_{group}", "axle_compliance_steer")
+    parameters = {peak: sheet[peak] * (after / before - 1.0), f"axle_compliance_steer_{group}": given}
+    if group in ("front", "11"):
+        names += ("steering_compliance", "steering_compliance_lag")
+        parameters |= {"steering_compliance": given, "lagged_compliance": given}
+    return replace(change, names=names, parameters=parameters)
+
+
+def _pull(vehicle: str, v: Values, body: str, axles: Sequence[str], s: float) -> Change:
+    """Return brakes that pull to one side; the library's offset counts with the braking force of the body."""
+    p, own = assemble(vehicle, v), [AXLES[vehicle].index(a) for a in axles]
+    offset = float((p.brake[own] * p.track[own]).sum()) * 0.5 * s * float(p.mass.sum() / p.mass[p.unit[own[0]]])
+    values = {f"pull_{a}": v.get(f"pull_{a}", 0.0) + s for a in axles}
+    name = "brake_pull" + (f"_{body}" if body else "")
+    return Change("brake_pull", body, s, values, names=("brake_pull",), parameters={name: offset})
 
 
 def _askew(axle: str, s: float) -> Change:
@@ -190,9 +201,7 @@ def _askew(axle: str, s: float) -> Change:
     return Change("axle_steer", axle, angle, {f"askew_{axle}": angle}, names=_RIGHT["axle_steer"])
 
 
-def _of_car(
-    kind: str, s: float, v: Mapping[str, float], sheet: Mapping[str, float], rng: np.random.Generator
-) -> Change:
+def _of_car(kind: str, s: float, v: Values, sheet: Values, rng: np.random.Generator) -> Change:
     match kind:
         case "mass" | "inertia":
             name = {"mass": "mass", "inertia": "yaw_inertia"}[kind]
@@ -204,7 +213,7 @@ def _of_car(
         case "friction":
             return _friction(v, sheet, s)
         case "compliance":
-            return _compliance("car", v, s)
+            return _compliance("car", v, sheet, s)
         case "load_shift":
             shift = s * (v["cog_to_front_axle"] + v["cog_to_rear_axle"])
             values = {
@@ -213,30 +222,25 @@ def _of_car(
             }
             return Change(kind, "", shift, values, names=_SHIFTED, parameters={"payload_shift": shift})
         case "brake_pull":
-            return Change(
-                kind,
-                "",
-                s,
-                {f"pull_{a}": v.get(f"pull_{a}", 0.0) + s for a in ("front", "rear")},
-                names=("brake_pull",),
-            )
+            return _pull("car", v, "", ("front", "rear"), s)
         case "axle_steer":
             askew = _askew("rear", s)
             return Change(**{**vars(askew), "parameters": {"steering_offset": -askew.size}})
     end = str(rng.choice(["front", "rear"]))
-    return Change(kind, end, s, _scaled(v, (f"roll_stiffness_{end}",), s), names=_RIGHT[kind])
+    values = _scaled(v, (f"roll_stiffness_{end}",), s)
+    more = lean("car", {**v, **values}) - lean("car", v)
+    parameters = {"body_roll_gain": more, "roll_gain": more}
+    return Change(kind, end, s, values, names=_RIGHT[kind], parameters=parameters)
 
 
-def _friction(v: Mapping[str, float], sheet: Mapping[str, float], s: float) -> Change:
+def _friction(v: Values, sheet: Values, s: float) -> Change:
     names = ("parameter:friction", *_RIGHT["friction"])
     return Change(
         "friction", "", s, _scaled(v, ("grip",), s), names=names, parameters={"friction": s * sheet["friction"]}
     )
 
 
-def _of_semitrailer(
-    kind: str, s: float, v: Mapping[str, float], sheet: Mapping[str, float], rng: np.random.Generator
-) -> Change:
+def _of_semitrailer(kind: str, s: float, v: Values, sheet: Values, rng: np.random.Generator) -> Change:
     match kind:
         case "mass":
             body = str(rng.choice(["tractor", "trailer"]))
@@ -255,7 +259,7 @@ def _of_semitrailer(
         case "friction":
             return _friction(v, sheet, s)
         case "compliance":
-            return _compliance("semitrailer", v, s)
+            return _compliance("semitrailer", v, sheet, s)
         case "load_shift":
             name, shift = "trailer_cog_from_rear", s * (v["kingpin_from_rear"] - v["axle_22_from_rear"])
             names = (f"parameter:{name}", "payload_shift")
@@ -270,9 +274,7 @@ def _of_semitrailer(
         case "brake_pull":
             body = str(rng.choice(["tractor", "trailer"]))
             axles = ("11", "12") if body == "tractor" else ("21", "22", "23")
-            return Change(
-                kind, body, s, {f"pull_{a}": v.get(f"pull_{a}", 0.0) + s for a in axles}, names=("brake_pull",)
-            )
+            return _pull("semitrailer", v, body, axles, s)
         case "axle_steer":
             return _askew(str(rng.choice(["12", "21", "22", "23"])), s)
     group = str(rng.choice(["11", "12", "2"]))

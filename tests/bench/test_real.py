@@ -85,7 +85,7 @@ def test_a_fault_of_a_sensor_comes_on_top():
 
 
 def test_every_kind_of_change_names_effects_and_parameters_of_the_library():
-    later = {"body_roll", "brake_pull", "toe_compliance"}
+    later = {"body_roll", "brake_pull", "axle_compliance_steer", "steering_compliance_lag", "tyre_curvature"}
     assert len(KINDS) == 15
     for case in CASES.values():
         truth = draw(case, np.random.default_rng(seeds(case, 0)[0]))
@@ -247,6 +247,6 @@ def test_the_command_of_the_proof_scores_what_was_traced(tmp_path, capsys):
 
 
 def test_names_of_what_every_plant_has_are_effects_of_the_library():
-    later = {"body_roll", "brake_pull", "toe_compliance"}
+    later = {"body_roll", "brake_pull", "axle_compliance_steer", "steering_compliance_lag", "tyre_curvature"}
     assert {split(name)[0] for name in plant.THERE} - set(EFFECTS.names()) <= later
     assert set(DESIGNS) == {"baseline", "alone"}
