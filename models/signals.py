@@ -77,6 +77,9 @@ def _axle_states(axle: str, where: str) -> list[Signal]:
     return [
         Signal(f"load_share_axle_{axle}", "s", "1", "1", "axle", f"share in the load of its bogie, {where}"),
         Signal(f"relaxed_force_axle_{axle}", "F_r", "N", "kN", "axle", f"relaxing lateral force, {where}"),
+        Signal(
+            f"compliance_steer_axle_{axle}", r"\delta_A", "rad", "deg", "axle", f"angle yielded to the force, {where}"
+        ),
         Signal(f"swivelled_{axle}", r"\alpha_S", "rad", "deg", "axle", f"slip angle behind trailing wheels, {where}"),
     ]
 
@@ -123,6 +126,11 @@ def _body_motion(body: str, owner: str) -> list[Signal]:
         Signal(f"cog_shift{body}", "d", "m", "m", owner, f"CoG ahead of where the parameters put it, {owner}"),
         Signal(f"slosh_displacement{body}", "y_s", "m", "m", owner, f"liquid to the left of the {owner}'s axis"),
         Signal(f"slosh_velocity{body}", r"\dot y_s", "m/s", "m/s", owner, f"velocity of the liquid in the {owner}"),
+        Signal(
+            f"body_leaning{body}", "a_R", "m/s^2", "m/s^2", owner, f"lateral acceleration behind the {owner}'s roll"
+        ),
+        Signal(f"body_leaning_rate{body}", r"\dot a_R", "m/s^3", "m/s^3", owner, f"rate of the same, {owner}"),
+        Signal(f"brake_speed{body}", "v_B", "m/s", "m/s", owner, f"speed behind the lag of the {owner}'s brake pull"),
         Signal(f"pitch_speed{body}", "v_p", "m/s", "m/s", owner, f"speed that the pitch of the {owner} has settled to"),
     ]
 
@@ -265,6 +273,7 @@ _ROWS += [  # states and inputs of effects
     Signal("steering_yield", r"\delta_c", "rad", "deg", "vehicle", "angle by which the steering yields to its force"),
     Signal("steering_force", "F_c", "N", "kN", "vehicle", "lateral force behind the lag of the steering's compliance"),
     Signal("lateral_force_steered_axle", r"F_\delta", "N", "kN", "vehicle", "lateral force of the steered axle"),
+    Signal("pull_speed", "v_D", "m/s", "m/s", "vehicle", "speed behind the lag of the drive's pull"),
     Signal("drive_speed", "v_d", "m/s", "m/s", "vehicle", "speed behind the lag of drive and brake forces"),
     Signal("lateral_velocity_reference", "v_{y,R}", "m/s", "m/s", "vehicle", "lateral velocity at the reference point"),
 ]

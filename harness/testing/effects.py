@@ -103,10 +103,12 @@ def compare(
 
 
 def matches(template: str, name: str, layout: Layout) -> bool:
-    """Whether a name is that of a template for some body or axle."""
+    """Whether a name is that of a template for some body, axle or tyre."""
     bodies = [f"_{b}" if b else "" for b in layout.bodies]
     text = re.escape(template).replace(r"\{body\}", f"({'|'.join(bodies)})").replace(r"\{leader\}", bodies[0])
-    return re.fullmatch(text.replace(r"\{axle\}", "(" + "|".join(layout.tyres or [""]) + ")"), name) is not None
+    for kind, names in (("axle", layout.tyres), ("tyre", set(layout.tyres.values()))):
+        text = text.replace(rf"\{{{kind}\}}", "(" + "|".join(names or [""]) + ")")
+    return re.fullmatch(text, name) is not None
 
 
 def check_contract(name: str, effect: types.ModuleType) -> None:

@@ -1,8 +1,9 @@
 """Algebraic loops between ports, such as an angle that yields to the force that it makes: Newton's method, unrolled.
 
-A port that an effect defines by an expression which leads back to it is the root of ``u - g(u) = 0``. Three steps from
-zero solve it: for a tyre whose force bends over and a loop gain below 1 to 1e-6 of the force. A loop of gain zero stays
-at zero exactly, and its slope there is exact.
+A port that an effect defines by an expression which leads back to it is the root of ``u - g(u) = 0``. Two steps from
+zero solve it, for a tyre whose force bends over: to 1e-5 of the force with a loop gain of 0.4, to 1.5e-3 with 1. A loop
+of gain zero stays at zero exactly, and its slope there is exact. Each step is the chain of ports again, so that a third
+would cost a trace a tenth of its compilation.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from harness.common.errors import ModelError
 from harness.models.assembly.expressions import present
 from harness.models.assembly.model import symbol
 
-_STEPS = 3
+_STEPS = 2
 
 
 def solve_loops(ports: Mapping[str, sp.Expr], loops: Collection[str]) -> dict[str, sp.Expr]:
@@ -30,16 +31,19 @@ def solve_loops(ports: Mapping[str, sp.Expr], loops: Collection[str]) -> dict[st
     """
     solved = dict(ports)
     for name in loops:
-        written = _written_out(ports, name, loops)
-        if not written.has(symbol(name)):
+        around = _around(ports, name)
+        if not around:
             continue
-        residual = symbol(name) - written
-        step = residual / residual.diff(symbol(name))
+        entangled = next((port for port in around if port in loops and port != name), None)
+        if entangled:
+            raise ModelError(f"'{name}' and '{entangled}' depend on each other; leave out the effect of one of them")
+        value, slope = _value_and_slope(around, name)
         at: sp.Expr = sp.Integer(0)
         for k in range(1, _STEPS + 1):
-            before = name if k == _STEPS else f"{name}_before_step_{k + 1}"
-            solved[before] = at - step.xreplace({symbol(name): at})
-            at = symbol(before)
+            here = {symbol(name): at}
+            after = name if k == _STEPS else f"{name}_before_step_{k + 1}"
+            solved[after] = at - (at - value.xreplace(here)) / (1 - slope.xreplace(here))
+            at = symbol(after)
     return solved
 
 
@@ -57,19 +61,33 @@ def depends(ports: Mapping[str, sp.Expr], expr: sp.Expr, name: str) -> bool:
     return False
 
 
-def _written_out(ports: Mapping[str, sp.Expr], name: str, loops: Collection[str]) -> sp.Expr:
-    """Return the definition of a port with every port that depends on it substituted.
+def _around(ports: Mapping[str, sp.Expr], name: str) -> dict[str, sp.Expr]:
+    """Return the ports through which one depends on itself, in order of use, itself last; none if it does not.
 
     Effects that may be absent are taken as there: at their neutral values that is the same.
     """
-    others = {port: expr for port, expr in ports.items() if port != name}
-    expr = ports[name]
-    while True:
-        expr = expr.replace(present, lambda flag, with_effect, without: with_effect)
-        inner = {s: others[s.name] for s in expr.free_symbols if s.name in others and depends(others, s, name)}
-        entangled = sorted(s.name for s in inner if s.name in loops)
-        if entangled:
-            raise ModelError(f"'{name}' and '{entangled[0]}' depend on each other; leave out the effect of one of them")
-        if not inner:
-            return expr
-        expr = expr.xreplace(inner)
+    around: dict[str, sp.Expr] = {}
+
+    def visit(port: str) -> bool:
+        if port not in around and depends({p: e for p, e in ports.items() if p != name}, ports[port], name):
+            for read in sorted(s.name for s in ports[port].free_symbols if s.name in ports and s.name != name):
+                visit(read)
+            around[port] = ports[port].replace(present, lambda flag, with_effect, without: with_effect)
+        return port in around
+
+    visit(name)
+    return around
+
+
+def _value_and_slope(around: Mapping[str, sp.Expr], name: str) -> tuple[sp.Expr, sp.Expr]:
+    """Return the definition of a port as a function of itself, and its derivative."""
+    written: dict[sp.Symbol, sp.Expr] = {}
+    slopes: dict[sp.Symbol, sp.Expr] = {symbol(name): sp.Integer(1)}
+    for port, expr in around.items():
+        inner = sorted(expr.free_symbols & slopes.keys(), key=str)
+        parts = [expr.diff(s).replace(sp.DiracDelta, lambda *_: sp.Integer(0)) * slopes[s] for s in inner]
+        value, slope = expr.xreplace(written), sp.Add(*parts).xreplace(written)
+        if port == name:
+            return value, slope
+        written[symbol(port)], slopes[symbol(port)] = value, slope
+    raise AssertionError(f"'{name}' is last around itself")

@@ -81,13 +81,11 @@ class Builder:
             raise ModelError(f"{owner} declares parameter '{parameter.name}', which exists already")
         self.parameters[parameter.name] = parameter
 
-    def _enter_place(self, name: str, place: str) -> dict[str, str]:
-        """Declare an effect's parameters at a place on its first site there; return their names by the effect's."""
+    def _enter_place(self, name: str, place: str) -> None:
+        """Declare an effect's parameters at a place on its first site there."""
         effect, first = self.effects[name], place not in self._places[name]
-        names: dict[str, str] = {}
         for p in effect.PARAMETERS:
             declared = parameter_at(p, place)
-            names[p.name] = declared.name
             if first and self._shared.get(declared.name) is not effect:
                 self._declare(declared, f"effect '{name}'")
                 if p.shared:
@@ -96,7 +94,6 @@ class Builder:
             self._places[name].append(place)
             for variances, export in ((self.noise, "NOISE"), (self.start_variance, "START_VARIANCE")):
                 variances |= {stem + suffix(place): value for stem, value in getattr(effect, export, {}).items()}
-        return names
 
     def own_state(self, owner: str, name: str, start: float | str | None = None) -> sp.Symbol:
         """Add a state of an effect, or return it if that effect has it; ``start`` as in ``StateSpaceModel.start``."""
@@ -191,24 +188,23 @@ class Builder:
         only = split(name)[1]
         if only is not None and only != site.place:
             return value
-        names = self._enter_place(name, site.place)
-        flag = self._flag(effect, name, site.place, names) if self.optional else None
-        if flag is None:
-            return sp.sympify(effect.apply(EffectContext(self, name, names, site), value))
-        if not value.is_Atom:  # named, because it is read twice, and again by the next effect
-            before = f"{site.port}_before_{split(name)[0]}"
-            self._named.add(before)
-            self.ports[before], value = value, symbol(before)
-        return present(flag, sp.sympify(effect.apply(EffectContext(self, name, names, site, flag), value)), value)
-
-    def _flag(self, effect: ModuleType, name: str, place: str, names: Mapping[str, str]) -> sp.Symbol | None:
-        """Return the symbol that says whether an effect is in force at a place; ``None`` if it always is."""
+        names = {p.name: parameter_at(p, site.place).name for p in effect.PARAMETERS}
         amplitudes = tuple(names[p.name] for p in effect.PARAMETERS if p.neutral is not None)
-        if not amplitudes:
-            return None
-        flag = f"has_{split(name)[0]}{suffix(place)}"
-        self.flags[flag] = amplitudes
-        return symbol(flag)
+        flag = symbol(f"has_{split(name)[0]}{site.suffix}") if self.optional and amplitudes else None
+        before, base = f"{site.port}_before_{split(name)[0]}", value
+        if flag is not None and not value.is_Atom:  # named, because it is read twice, and again by the next effect
+            self.ports[before], base = value, symbol(before)
+        changed = sp.sympify(effect.apply(EffectContext(self, name, names, site, flag), base))
+        if changed is base:  # the effect has nothing to do here, and no place of its own
+            self.ports.pop(before, None)
+            return value
+        self._enter_place(name, site.place)
+        if flag is None:
+            return changed
+        if base is not value:
+            self._named.add(before)
+        self.flags[flag.name] = amplitudes
+        return present(flag, changed, base)
 
     def tyre(
         self,
@@ -358,6 +354,8 @@ class Builder:
                     f"effect '{file}' has no place '{only}' on '{self.vehicle_name}'"
                     f"{registry.closest(only, sorted(published))}"
                 )
+            if not self._places[name]:
+                raise ModelError(f"effect '{name}' has nothing to act on in '{self.vehicle_name}'")
 
     def _start(self) -> dict[str, float | str]:
         """Return where states start, refusing a state or a source that does not exist."""

@@ -9,6 +9,7 @@ import sympy as sp
 
 from harness.common import registry
 from harness.common.errors import ModelError
+from harness.models.assembly.algebraic_loops import depends
 from harness.models.assembly.expressions import present
 from harness.models.assembly.model import Body, symbol
 from harness.models.assembly.placement import Layout, Site, suffix
@@ -23,12 +24,14 @@ class PartialModel(Protocol):
         layout: Bodies and axles of the vehicle.
         states: Names of the states so far.
         ports: Definitions of the ports published so far.
+        parameters: Those declared so far.
     """
 
     vehicle_name: str
     layout: Layout
     states: list[str]
     ports: dict[str, sp.Expr]
+    parameters: dict[str, Parameter]
 
     def note_read(self, owner: str, name: str) -> None:
         """Remember that ``owner`` reads ``name``."""
@@ -161,8 +164,8 @@ class EffectContext(_Reader):
         return self.read(f"{stem}_axle_{self.site.axle}")
 
     def provides(self, name: str) -> bool:
-        """Whether the vehicle or the tyre has published a state or port so far."""
-        return name in self._builder.states or name in self._builder.ports
+        """Whether the vehicle or the tyre has published a state or port, or declared a parameter, so far."""
+        return name in self._builder.states or name in self._builder.ports or name in self._builder.parameters
 
     def refuse(self, reason: str) -> ModelError:
         """Return the error of an effect that makes no sense at this site, to be raised."""
@@ -196,14 +199,18 @@ class EffectContext(_Reader):
             expr = present(self._flag, sp.sympify(expr), sp.Integer(0))
         self._builder.own_derivative(name, expr)
 
-    def solved(self, stem: str, expr: sp.Expr) -> sp.Symbol:
-        """Return a quantity of the site's place that is defined by an expression which may depend on it.
+    def solved(self, name: str, expr: sp.Expr) -> sp.Symbol:
+        """Return a quantity that is defined by an expression which may depend on it.
 
         Args:
-            stem: Its name, a signal; the place's is appended.
+            name: Of the quantity, a signal.
             expr: Reads the quantity through the ports that this effect changes by it (``algebraic_loops``).
         """
-        return self._builder.own_loop(stem + self.site.suffix, expr)
+        return self._builder.own_loop(name, expr)
+
+    def depends(self, expr: sp.Expr, name: str) -> bool:
+        """Whether an expression reads a port that has been published, directly or through others."""
+        return depends(self._builder.ports, expr, name)
 
     def _state_name(self, stem: str, shared: bool) -> str:
         return stem if shared else stem + self.site.suffix

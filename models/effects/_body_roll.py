@@ -2,6 +2,10 @@
 
 What leans is the lateral acceleration, in m/s^2, as the springs have followed it; what it does (an angle that a sensor
 reads, one that steers an axle) is an effect's own parameter times that.
+
+With the mass ``m_s`` at ``h`` above the roll axis, the inertia ``J`` about that axis and the stiffness ``K``, less that
+of the weight, the angle is ``m_s h / K`` times what leans. The square of the frequency is ``K / (J - (m_s h)^2 / m)``,
+that of the roll about the CoG, because the acceleration of the CoG drives it.
 """
 
 from __future__ import annotations
@@ -12,7 +16,7 @@ from harness.models.assembly.assemble import EffectContext
 from harness.models.contracts import Parameter
 
 ROLL_DAMPING = 0.4
-"""Damping ratio of the roll."""
+"""Damping ratio of the roll where an effect has none of its own."""
 
 CONSTANTS: dict[str, str] = {"ROLL_DAMPING": "1"}
 
@@ -28,16 +32,17 @@ def roll_frequency(name: str) -> Parameter:
     return Parameter(name, r"\omega_R", "rad/s", *FREQUENCIES, "frequency of the roll", grid=GRID)
 
 
-def leaning(e: EffectContext, states: tuple[str, ...], frequency: str) -> sp.Symbol:
+def leaning(e: EffectContext, states: tuple[str, ...], frequency: str, damping: sp.Expr | None = None) -> sp.Symbol:
     """Return the lateral acceleration of the site's body as its roll has followed it.
 
     Args:
         e: Of the effect.
         states: The effect's two states for it: what leans, and its rate.
         frequency: Name of the effect's parameter.
+        damping: Damping ratio; ``ROLL_DAMPING`` by default.
     """
     leant, rate = (e.state(name) for name in states)
-    omega = e.p(frequency)
+    omega, zeta = e.p(frequency), ROLL_DAMPING if damping is None else damping
     e.derivative(states[0], rate)
-    e.derivative(states[1], omega**2 * (e.at_body("lateral_acceleration") - leant) - 2 * ROLL_DAMPING * omega * rate)
+    e.derivative(states[1], omega**2 * (e.at_body("lateral_acceleration") - leant) - 2 * zeta * omega * rate)
     return leant

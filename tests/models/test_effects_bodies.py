@@ -114,17 +114,43 @@ def test_a_leaning_accelerometer_reads_more_in_a_bend_and_settles_in_time():
     assert moved["leaning_rate_lateral_acceleration"] == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("effect", "state", "sign"), [("brake_pull", "brake_speed", 1), ("drive_pull", "pull_speed", -1)]
+)
+def test_what_pulls_at_one_side_turns_the_body_by_force_times_offset(effect, state, sign):
+    """To the left of the middle brakes turn to the left and a drive to the right; the other one does nothing."""
+    own, name = {effect: 0.1}, ("external_yaw_moment",)
+    ahead = {state: 20.0 + sign * 0.15 * 3.0}  # 3 m/s^2 of braking or driving, behind the lag
+    mass = VALUES["car"]["mass"]
+    assert look("car", (effect,), name, own, **ahead) == pytest.approx([sign * 0.1 * mass * 3.0])
+    assert look("car", (effect,), name, own, **{state: 20.0 - sign * 0.45}) == pytest.approx([0.0])
+
+
+def test_each_body_of_a_truck_brakes_for_itself_and_the_tractor_drives_all():
+    v, names = VALUES["semitrailer"], ("external_yaw_moment_tractor", "external_yaw_moment_trailer")
+    at = {"speed_tractor": 20.0, "brake_speed_tractor": 20.3, "brake_speed_trailer": 20.3}
+    braked = look("semitrailer", ("brake_pull",), names, {"brake_pull_trailer": 0.1}, **at)
+    assert braked == pytest.approx([0.0, 0.1 * v["trailer_mass"] * 2.0])
+    (driven, _) = look("semitrailer", ("drive_pull",), names, {"drive_pull": 0.1}, pull_speed=19.7)
+    assert driven == pytest.approx(-0.1 * (v["tractor_mass"] + v["trailer_mass"]) * 2.0)
+
+
 EVEN = {
     "time",
     "speed",
     "pitch_speed",
     "drive_speed",
+    "brake_speed",
+    "pull_speed",
     "longitudinal_velocity",
     "friction_coefficient",
     "speed_delayed",
     "speed_delayed_rate",
 }
 LEANS_TO_ONE_SIDE = {
+    "brake_pull",
+    "drive_pull",
+    "tyre_curvature",
     "crosswind",
     "road_bank",
     "steering_offset",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from harness.common.errors import ModelError
 from harness.models.assembly.assemble import assemble
 from harness.models.roles import VEHICLES
 from support.effects import VALUES, G, built, look, point, rates, values
@@ -205,3 +206,56 @@ def test_driving_and_braking_take_lateral_force_as_the_ellipse_does():
     F_z = loads("semitrailer", ("combined_slip",), {}, drive_speed=20.0)[1]
     for a, part in ((1.0, share), (-1.0, 0.5 * share)):
         assert found[a] / found[0.0] == pytest.approx(np.sqrt(1 - (part * F_x / (mu * F_z)) ** 2), rel=0.01)
+
+
+@pytest.mark.parametrize("slip", [-0.3, -0.05, 0.02, 0.1, 0.25])
+def test_a_curved_tyre_is_the_magic_formula_with_its_curvature(slip):
+    v = VALUES["car"]
+    l_f, l_r = v["cog_to_front_axle"], v["cog_to_rear_axle"]
+    load = v["mass"] * G * l_f / (l_f + l_r)
+    slope, limit = (
+        v["stiffness_peak_rear"] * np.sin(2 * np.arctan(load / v["stiffness_load_rear"])),
+        v["friction"] * load,
+    )
+    shape, curvature = v["shape_factor_rear"], -0.8 * (1 - 0.25 * np.sign(slip))  # p_Ey1 = -0.8, p_Ey3 = 0.25
+    x = slope / (shape * limit) * np.tan(slip)
+    wanted = limit * np.sin(shape * np.arctan(x - curvature * (x - np.arctan(x))))
+    own = {"tyre_curvature_rear": -0.8, "tyre_curvature_side_rear": 0.2}
+    name, at = ("steady_lateral_force_axle_rear",), {"lateral_velocity": -20.0 * np.tan(slip)}
+    assert look("car", ("tyre_curvature",), name, own, **at) == pytest.approx([wanted], rel=1e-9)
+
+
+def test_a_curvature_is_one_at_most_and_needs_the_magic_formula():
+    name, at = ("steady_lateral_force_axle_rear",), {"lateral_velocity": -3.0}
+    most, more = (
+        look("car", ("tyre_curvature",), name, {"tyre_curvature_rear": 0.9, "tyre_curvature_side_rear": s}, **at)
+        for s in (0.1, 0.6)
+    )
+    assert more == pytest.approx(most)
+    with pytest.raises(ModelError, match="no curvature"):
+        built("car", ("tyre_curvature",), "brush")
+
+
+@pytest.mark.parametrize("compliance", [-1e-6, 2e-6])
+def test_slip_and_force_of_a_compliant_axle_agree(compliance):
+    """Without compliance, at the slip that is left, the tyre makes the force that takes the rest of it."""
+    names = ("slip_angle_axle_rear", "steady_lateral_force_axle_rear", "slip_angle_axle_front")
+    for v_y in (-4.0, -1.0, 0.3, 2.0):
+        stiff = look("car", (), names, {}, lateral_velocity=v_y)
+        slip, force, front = look(
+            "car", ("axle_compliance_steer",), names, {"axle_compliance_steer_rear": compliance}, lateral_velocity=v_y
+        )
+        assert slip == pytest.approx(stiff[0] - compliance * force, rel=1e-3)
+        assert force == pytest.approx(look("car", (), names, {}, lateral_velocity=-20.0 * np.tan(slip))[1], rel=1e-9)
+        assert front == stiff[2]
+
+
+def test_a_steered_axle_yields_by_its_steering_alone():
+    assert "axle_compliance_steer_front" not in built("car", ("axle_compliance_steer",)).parameter_names
+    with pytest.raises(ModelError, match="nothing to act on"):
+        built("car", ("axle_compliance_steer@front",))
+    at = {"lateral_force_axle_22": 2e4}
+    turned = look(
+        "semitrailer", ("axle_compliance_steer",), ("slip_angle_axle_22",), {"axle_compliance_steer_2": 1e-6}, **at
+    )
+    assert turned == pytest.approx([-0.02])
