@@ -117,7 +117,9 @@ def _body_forces(body: str, index: str) -> list[Signal]:
 
 def _body_motion(body: str, owner: str) -> list[Signal]:
     """Return what a body publishes for effects; ``body`` is what is appended to the names."""
+    sideslip = [Signal(f"sideslip_angle{body}", r"\beta", "rad", "deg", owner, f"direction of motion, {owner} CoG")]
     return [
+        *(sideslip if body else []),  # of a vehicle of one body it is among its signals
         Signal(f"inertial_mass{body}", "m", "kg", "kg", owner, f"mass that moves as one rigid body, {owner}"),
         Signal(f"lateral_gravity{body}", "g_y", "m/s^2", "m/s^2", owner, f"gravity along the y axis, {owner}"),
         Signal(f"longitudinal_gravity{body}", "g_x", "m/s^2", "m/s^2", owner, f"gravity along the x axis, {owner}"),

@@ -172,8 +172,9 @@ def _quantities(console: Console, vehicle: str) -> None:
 
     tyre = "magic_formula" if VEHICLES.load(vehicle).AXLES else None
     model = assemble(vehicle, tyre)
-    names = [n for n in (*model.states, *model.ports) if n in SIGNALS]
-    rows = [(n, "state" if n in model.states else "port", _unit(SIGNALS[n].unit), SIGNALS[n].meaning) for n in names]
+    names = [n for n in (*model.states, *model.ports, *model.further) if n in SIGNALS]
+    kinds = dict.fromkeys(model.states, "state") | dict.fromkeys(model.ports, "port")
+    rows = [(n, kinds.get(n, "follows"), _unit(SIGNALS[n].unit), SIGNALS[n].meaning) for n in names]
     with_tyre = f" with {tyre}" if tyre else ""
     _table(console, f"quantities of {vehicle}{with_tyre}", ("signal", "kind", "unit", "meaning"), rows)
 

@@ -30,6 +30,7 @@ from harness.identification.innovations import Innovations
 from harness.identification.signal_noise import white_variance
 from harness.models.roles import SENSORS
 from harness.models.signals import TRUTH, signal_attributes
+from harness.recordings.motion.kinematics import with_sideslip
 from harness.runner.contract import Held, History, InputSeries
 from harness.runner.history import EverySample
 from harness.simulation.simulate import in_lanes, variances
@@ -240,6 +241,7 @@ class RecordedEstimator:
         if drive is None or self.input_signal is not None:
             drive = self.model.drive(recording, about, self.input_signal)
         compiled, estimator = self.model.compiled, self._estimator
+        recording = with_sideslip(recording, compiled.model.outputs)
         references = self.model.reference(recording)
         rows = np.array([compiled.signal_names.index(n) for n in references], dtype=np.int64)
         spec, model = self.model.spec, compiled.model

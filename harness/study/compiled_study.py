@@ -181,7 +181,7 @@ class CompiledStudy:
         self._study = study
         belief_model, plant_model = study.belief.model(), study.plant.model()
         self.signals = signals_of(study)
-        published = {*plant_model.states, *plant_model.inputs, *plant_model.ports}
+        published = set(plant_model.published)
         self.supplied = supplied_inputs(plant_model, belief_model)
         states = (s for s in belief_model.states if s in published)
         exact = [name for name in self.supplied if name not in plant_model.outputs]

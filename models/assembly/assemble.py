@@ -278,7 +278,12 @@ class Builder:
         if missing:
             kind = "next value" if discrete else "derivative"
             raise ModelError(f"'{self.vehicle_name}': no {kind} for {', '.join(missing)}")
-        names = [*self.states, *self.inputs, *self.ports]
+        sideslip = {f"sideslip_angle{suffix(name)}": body.sideslip_angle for name, body in self._bodies.items()}
+        further = {n: e for n, e in sideslip.items() if n not in self.states and n not in self.ports}
+        for measured in outputs.values():
+            if measured in further:
+                self.port(measured, further.pop(measured))
+        names = [*self.states, *self.inputs, *self.ports, *further]
         output_expressions: dict[str, sp.Expr] = {}
         for name, measured in outputs.items():
             if measured not in names:
@@ -317,6 +322,7 @@ class Builder:
             noise=dict(self.noise),
             flags=dict(self.flags),
             bodies=dict(self._bodies),
+            further=further,
         )
 
     def _optional(self, ports: dict[str, sp.Expr]) -> dict[str, sp.Expr]:

@@ -11,6 +11,7 @@ import sympy as sp
 
 from harness.common import registry
 from harness.common.errors import ModelError
+from harness.models.assembly.expressions import larger
 from harness.models.contracts import Parameter
 
 SLIDING = math.pi / 4
@@ -19,6 +20,9 @@ SLIDING = math.pi / 4
 Tyres are measured to 15 to 20 degrees and keep their largest force up to there, so a vehicle at its friction limit
 stays well below; one that spins or jackknifes passes this angle on its way to 90 degrees, whatever its tyres are.
 """
+
+LOWEST_SPEED = 0.3
+"""m/s at least, of which a sideslip angle is, so that a standstill stays finite."""
 
 
 def symbol(name: str) -> sp.Symbol:
@@ -48,6 +52,11 @@ class Body:
     def centripetal_acceleration(self) -> sp.Expr:
         """Yaw rate times speed in m/s^2: the lateral acceleration of quasi-steady driving, known without any force."""
         return self.yaw_rate * self.speed
+
+    @property
+    def sideslip_angle(self) -> sp.Expr:
+        """Direction of motion of the CoG in rad, left of the x axis (ISO 8855)."""
+        return sp.atan(self.lateral_velocity / larger(self.speed, LOWEST_SPEED))
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +90,8 @@ class StateSpaceModel:
         considered: Those of them whose uncertainty is reckoned with and whose value is left alone.
         relative: Those of them that are logarithms.
         bodies: How each body moves, as far as the vehicle says it.
+        further: What follows from states and ports and is computed only where it is asked for, by signal: the sideslip
+            angle of each body that has no state or port for it.
         opaque: Whether its equations are not known, because it is a plant of somebody else.
     """
 
@@ -106,6 +117,7 @@ class StateSpaceModel:
     considered: tuple[str, ...] = ()
     relative: tuple[str, ...] = ()
     bodies: dict[str, Body] = field(default_factory=dict)
+    further: dict[str, sp.Expr] = field(default_factory=dict)
     opaque: bool = False
 
     @property
@@ -124,8 +136,13 @@ class StateSpaceModel:
         ports = (p for p in self.ports if p.startswith("slip_angle_") and "_before_" not in p)
         return dict.fromkeys(ports, SLIDING)
 
+    @property
+    def published(self) -> tuple[str, ...]:
+        """Names of states, inputs, ports and what follows from them."""
+        return (*self.states, *self.inputs, *self.ports, *self.further)
+
     def resolve(self, name: str) -> sp.Expr:
-        """Return the expression of a state, input, port or estimated parameter by name.
+        """Return the expression of a published quantity or estimated parameter by name.
 
         Raises:
             ModelError: If the model has no such quantity (with the closest names).
@@ -136,7 +153,9 @@ class StateSpaceModel:
             return symbol(name)
         if name in self.estimated:
             return symbol(self.estimated[name])
-        names = [*self.states, *self.inputs, *self.ports, *self.estimated]
+        if name in self.further:
+            return self.further[name]
+        names = [*self.published, *self.estimated]
         raise ModelError(f"model '{self.name}' has no quantity '{name}'{registry.closest(name, names)}")
 
     def expand(self, expr: sp.Expr) -> sp.Expr:

@@ -124,6 +124,7 @@ def with_parameters(model: StateSpaceModel, states: Sequence[ParameterState], ve
             *(symbol(s.state) if model.discrete else sp.Integer(0) for s in states),
         ),
         outputs={name: expr.xreplace(instead) for name, expr in model.outputs.items()},
+        further={name: expr.xreplace(instead) for name, expr in model.further.items()},
         start_variance=model.start_variance | {s.state: s.first_variance for s in states},
         estimated={name: f"{name}_now" for name in names},
         within=within,

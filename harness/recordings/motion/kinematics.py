@@ -14,14 +14,16 @@ Signals have the shape ``(samples,)`` and SI units; NaN is passed on.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import scipy
+import xarray as xr
 
 from harness.common.arrays import Floats
+from harness.models.signals import TRUTH
 
 _DEGREE = 3
 
@@ -160,8 +162,31 @@ DERIVED: dict[str, tuple[tuple[tuple[str, ...], ...], Callable[[Sources], Floats
         lambda s: s.rate("speed" if "speed" in s.signals else "longitudinal_velocity"),
     ),
     "sideslip_angle": (
-        (("longitudinal_velocity", "lateral_velocity"),),
-        lambda s: np.arctan2(s["lateral_velocity"], s["longitudinal_velocity"]),
+        (("longitudinal_velocity", "lateral_velocity"), ("speed", "lateral_velocity")),
+        lambda s: np.arctan2(
+            s["lateral_velocity"],
+            s["longitudinal_velocity" if "longitudinal_velocity" in s.signals else "speed"],
+        ),
     ),
 }
 """Signals that can be derived: the sets of signals of which one suffices, and the function."""
+
+_SPEEDS = {"": ("longitudinal_velocity", "speed"), "_trailer": ("speed",), "_tractor": ("speed_tractor",)}
+"""Speeds along the x axis of a body, by what is appended to the names of its signals."""
+
+
+def with_sideslip(recording: xr.Dataset, measured: Collection[str]) -> xr.Dataset:
+    """Return a recording with the sideslip angle of each body whose lateral velocity and speed are known, and of truth.
+
+    Args:
+        recording: Signals over time, SI units.
+        measured: What estimators get; a lateral velocity among it makes no reference.
+    """
+    angles = {}
+    for body, speeds in _SPEEDS.items():
+        for prefix in ("", TRUTH):
+            angle, lateral = f"{prefix}sideslip_angle{body}", f"{prefix}lateral_velocity{body}"
+            along = next((p + s for s in speeds for p in (prefix, "") if p + s in recording), None)
+            if angle not in recording and lateral in recording and lateral not in measured and along is not None:
+                angles[angle] = np.arctan2(recording[lateral], recording[along])
+    return recording.assign(angles)
