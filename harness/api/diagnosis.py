@@ -186,6 +186,8 @@ class Diagnosis(Shown):
     def report(self, folder: str | Path, command: str = IN_PYTHON) -> list[Path]:
         """Write ``report.html``, ``report.pdf``, ``trace.json``, ``nominal.toml`` and ``amended.toml``.
 
+        There is no ``amended.toml`` where what was added is worse than nothing on the held-out drives.
+
         Args:
             folder: Where to.
             command: How it was made, as the report says.

@@ -8,7 +8,7 @@ import pytest
 
 from harness.diagnosis.fitting import Fitting
 from harness.diagnosis.model.hypotheses import coordinates, hypotheses
-from harness.diagnosis.result.confounded import Direction, confounded, null_direction
+from harness.diagnosis.result.confounded import Direction, confounded, most, null_direction
 from harness.diagnosis.selection.forward_selection import first_variances
 from support.driven_car import FREE, driven
 
@@ -69,6 +69,12 @@ def test_what_hardly_changes_is_not_named(fitting):
     assert (direction.parameter, direction.named, direction.powers) == ("mass", ("yaw_inertia",), {"yaw_inertia": 1.0})
     assert {*direction.changes} == {"yaw_inertia", *FREE}
     assert str(direction) == "These drives know the yaw inertia over the mass, but neither alone."
+
+
+def test_a_rival_that_is_absent_is_named_beside_what_changes_most():
+    widths = np.array([0.2, 0.2, 0.05, np.inf])
+    assert most({0: 0.15, 1: -0.01, 2: 0.04, 3: 3e-6}, widths) == [0, 2, 3]
+    assert most({3: 3e-6}, widths) == [3]
 
 
 def test_an_amplitude_that_ended_at_none_of_it_is_not_in_question(fitting):

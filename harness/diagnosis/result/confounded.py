@@ -13,7 +13,7 @@ first on what the fit moved, then on further ones that take most of the rest, an
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -131,16 +131,29 @@ def confounded(trace: Trace, rivals: Sequence[Hypothesis]) -> tuple[Direction, .
             continue
         usable = [i for i in range(len(every)) if i != at and seen[i] > 0 and not seen[i] * widths[i] < _ALONE]
         first = [i for i in usable if i < len(moved)]
-        found = null_direction(R, at, first, [i for i in usable if i >= len(moved)], float(widths[at]))
+        held, width = [i for i in usable if i >= len(moved)], float(widths[at])
+        if name not in added:  # it is refitted in the place of what alone does the same, as the load of the tyre
+            held = [i for i in held if not null_direction(R, at, [*first, i], (), width)]
+        found = null_direction(R, at, first, held, width)
         if not found or any(abs(d) > PRIORS.implausible * widths[i] for i, d in found.items()):
             continue
-        shares = {i: abs(d) / widths[i] if math.isfinite(widths[i]) else math.inf for i, d in found.items()}
-        named = [i for i in found if shares[i] >= _NAMED * max(shares.values())]
-        direction = _direction(every, (at, float(widths[at])), found, named)
+        named = most(found, widths)
+        direction = _direction(every, (at, width), found, named)
         sets = [{d.parameter, *d.named} for d in directions]
         if len(named) <= _FURTHER and {direction.parameter, *direction.named} not in sets:
             directions.append(direction)
     return tuple(directions)
+
+
+def most(found: Mapping[int, float], widths: Floats) -> list[int]:
+    """Return which changes are the largest by what they may be off beforehand; an effect that is absent is always one.
+
+    Args:
+        found: Changes by number.
+        widths: How far each may be off ``(n,)``.
+    """
+    shares = {i: abs(d) / widths[i] for i, d in found.items() if math.isfinite(widths[i])}
+    return [i for i in found if i not in shares or shares[i] >= _NAMED * max(shares.values())]
 
 
 def null_direction(R: Floats, at: int, first: Sequence[int], further: Sequence[int], width: float) -> dict[int, float]:
