@@ -27,7 +27,7 @@ QUANTILE = 1.96
 class Claim(NamedTuple):
     """One thing that a trace says: its name, ``parameter:`` before that of a parameter, and by how much what differs.
 
-    ``sizes`` are value and standard error by the library's parameter; of a parameter the difference to what it was.
+    ``sizes`` are difference to the baseline and standard error by the library's parameter; empty without a baseline.
     """
 
     name: str
@@ -46,28 +46,31 @@ class Answer(NamedTuple):
     probabilities: Mapping[str, float]
 
 
-def answer_of(traced: Mapping[str, Any], with_baseline: bool) -> Answer:
-    """Read ``trace.json``; with a baseline its ``changed``, which says of the change what the whole says otherwise."""
-    part = traced["changed"] if with_baseline else traced
-    claims = [Claim(a["effect"], _sizes(a)) for a in part["added"]]
-    claims += [Claim(PARAMETER + a["effect"], _sizes(a)) for a in part["parameters"]]
-    models = (part.get("confusable") or {"models": []})["models"]
+def answer_of(traced: Mapping[str, Any]) -> Answer:
+    """Read ``trace.json``; with a baseline the claims are its changes, and models and probabilities are of changes."""
+    claims = _changes(traced["baseline"]["changes"]) if traced.get("baseline") else _additions(traced)
+    models = (traced.get("confusable") or {"models": []})["models"]
     sets = tuple(frozenset(_plain(h) for alike in m["added"] for h in alike) for m in models)
     probabilities: dict[str, float] = {}
-    for h in (part.get("posterior") or {"hypotheses": []})["hypotheses"]:
+    for h in (traced.get("posterior") or {"hypotheses": []})["hypotheses"]:
         if h["kind"] == "effect":
             name = _plain(h)
             probabilities[name] = max(probabilities.get(name, 0.0), float(h["probability"]))
-    return Answer(str(traced["verdict"]), tuple(claims), sets, probabilities)
+    return Answer(str(traced["verdict"]), claims, sets, probabilities)
 
 
-def _sizes(entry: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
-    before = entry.get("stated") if isinstance(entry.get("stated"), float) else 0.0
-    return {
-        name: (float(p["value"]) - float(before or 0.0), float(p["std"]))
-        for name, p in entry["parameters"].items()
-        if p["value"] is not None and p["std"] is not None
-    }
+def _changes(changes: Sequence[Mapping[str, Any]]) -> tuple[Claim, ...]:
+    sizes: dict[str, dict[str, tuple[float, float]]] = {}
+    for c in changes:
+        own = sizes.setdefault(_plain({"name": c["hypothesis"], "kind": c["kind"]}), {})
+        if c["change"] is not None and c["std"] is not None:
+            own[c["parameter"]] = (float(c["change"]), float(c["std"]))
+    return tuple(Claim(name, own) for name, own in sizes.items())
+
+
+def _additions(traced: Mapping[str, Any]) -> tuple[Claim, ...]:
+    claims = [Claim(a["effect"], {}) for a in traced["added"]]
+    return (*claims, *(Claim(PARAMETER + a["effect"], {}) for a in traced["parameters"]))
 
 
 def _plain(h: Mapping[str, str]) -> str:
@@ -86,6 +89,7 @@ class Scored:
         change: Kind of what has changed; empty if nothing has.
         verdict: What the trace says; ``failed`` if there is none.
         claimed: Names, in their order.
+        alarm: Whether it says that something is missing or has changed, with a name or without.
         first: Whether the first of them is right.
         covered: Whether a model of the 90 % set has a right name.
         in_set: Models in that set.
@@ -102,6 +106,7 @@ class Scored:
     change: str
     verdict: str
     claimed: tuple[str, ...]
+    alarm: bool
     first: bool
     covered: bool
     in_set: int
@@ -116,7 +121,7 @@ def score(folder: Path) -> Scored:
     sealed = json.loads((folder / "sealed.json").read_text(encoding="utf-8"))
     file, with_baseline = folder / TRACE, sealed["design"] == "baseline"
     traced = json.loads(file.read_text(encoding="utf-8")) if file.exists() else None
-    answer = answer_of(traced, with_baseline) if traced else Answer("failed", (), (), {})
+    answer = answer_of(traced) if traced else Answer("failed", (), (), {})
     change = sealed["change"]
     right = frozenset(change["names"]) if change else frozenset()
     there = right if with_baseline else right | set(sealed["there"])
@@ -129,6 +134,7 @@ def score(folder: Path) -> Scored:
         change["kind"] if change else "",
         answer.verdict,
         tuple(c.name for c in answer.claims),
+        bool(answer.claims) or answer.verdict != "adequate",
         bool(answer.claims) and answer.claims[0].name in right,
         any(names & right for names in answer.sets),
         len(answer.sets),
@@ -155,7 +161,7 @@ def _worse(excess: Mapping[str, float | None]) -> bool:
 def said(folder: Path) -> str:
     """Return a case in a line."""
     s = score(folder)
-    right = s.first if s.change else not s.claimed
+    right = s.first if s.change else not s.alarm
     return f"{s.verdict}, {', '.join(s.claimed) or 'nothing claimed'}, {'right' if right else 'wrong'}"
 
 
@@ -209,7 +215,7 @@ _ASKED = (
     (
         "baseline, nothing changed: a change claimed",
         "5 %",
-        lambda c: share(bool(s.claimed) for s in _of(c, "baseline", False)),
+        lambda c: share(s.alarm for s in _of(c, "baseline", False)),
     ),
     ("baseline, one changed: named first", "80 %", lambda c: share(s.first for s in _of(c, "baseline", True))),
     ("in the 90 % set", "90 %", lambda c: share(s.covered for s in _of(c, "baseline", True))),

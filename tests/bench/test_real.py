@@ -171,15 +171,16 @@ def folder_of(tmp_path, name="car-baseline-mass-medium", **traced):
     if case.design == "baseline":
         (folder / "monday.csv").write_text("")
     if traced:
-        whole = {"verdict": "amended", "excess": {"before": 4.0, "after": 0.5}}
-        part = {"added": [], "parameters": [], "confusable": None, "posterior": None, **traced}
-        whole |= {"changed": part} if case.design == "baseline" else part
+        changes = traced.pop("changes", [])
+        whole = {"verdict": "amended", "excess": {"before": 4.0, "after": 0.5}, "added": [], "parameters": []} | traced
+        whole |= {"baseline": {"changes": changes} if case.design == "baseline" else None}
         (folder / TRACE).write_text(json.dumps(whole))
     return folder
 
 
-def parameter(name, value, std, stated):
-    return {"effect": name, "place": "", "stated": stated, "parameters": {name: {"value": value, "std": std}}}
+def changed(name, change, std, kind="parameter"):
+    """Return a change as ``trace.json`` has it."""
+    return {"hypothesis": name, "kind": kind, "parameter": name, "change": change, "std": std}
 
 
 def sets(*names):
@@ -188,15 +189,18 @@ def sets(*names):
 
 def test_a_named_change_is_right_with_its_interval(tmp_path):
     true = json.loads((folder_of(tmp_path / "seal") / "sealed.json").read_text())["change"]["parameters"]["mass"]
-    own = parameter("mass", 1400.0 + true + 5.0, 4.0, 1400.0)
-    scored = score(
-        folder_of(tmp_path, parameters=[own], confusable=sets(("mass", "parameter"), ("friction", "parameter")))
-    )
+    likely = sets(("mass", "parameter"), ("friction", "parameter"))
+    scored = score(folder_of(tmp_path, changes=[changed("mass", true + 5.0, 4.0)], confusable=likely))
     assert (scored.first, scored.covered, scored.in_set, scored.holds) == (True, True, 2, True)
-    off = parameter("mass", 1400.0 + true + 9.0, 4.0, 1400.0)
-    assert score(folder_of(tmp_path / "off", parameters=[off])).holds is False
-    other = score(folder_of(tmp_path / "other", parameters=[parameter("yaw_inertia", 1.0, 1.0, 1.0)]))
+    off = score(folder_of(tmp_path / "off", changes=[changed("mass", true + 9.0, 4.0)]))
+    assert (off.first, off.holds) == (True, False)
+    other = score(folder_of(tmp_path / "other", changes=[changed("yaw_inertia", 1.0, 1.0)]))
     assert (other.first, other.holds, other.covered) == (False, None, False)
+
+
+def test_a_change_without_a_name_is_an_alarm_too(tmp_path):
+    assert not score(folder_of(tmp_path, "car-baseline-none", verdict="adequate")).alarm
+    assert score(folder_of(tmp_path / "unnamed", "car-baseline-none", verdict="unresolved")).alarm
 
 
 def test_what_every_plant_has_is_no_invention_unless_it_was_to_be_a_change(tmp_path):
@@ -215,7 +219,7 @@ def test_a_trace_that_ended_in_an_error_is_wrong_and_stands_in_the_table(tmp_pat
     assert (scored.verdict, scored.first, scored.covered) == ("failed", False, False)
     assert gathered(tmp_path) == [scored] or scored.seconds != scored.seconds
     assert "| ended without a report | 0 | 1 of 1" in tables(gathered(tmp_path))
-    assert answer_of({"verdict": "adequate", "added": [], "parameters": []}, False) == Answer("adequate", (), (), {})
+    assert answer_of({"verdict": "adequate", "added": [], "parameters": []}) == Answer("adequate", (), (), {})
 
 
 def test_a_case_is_traced_by_the_command_once(tmp_path, monkeypatch):
@@ -238,7 +242,7 @@ def test_a_case_is_traced_by_the_command_once(tmp_path, monkeypatch):
 
 
 def test_the_command_of_the_proof_scores_what_was_traced(tmp_path, capsys):
-    folder_of(tmp_path, "car-baseline-none", added=[{"effect": "liquid_slosh", "parameters": {}}])
+    folder_of(tmp_path, "car-baseline-none", changes=[changed("liquid_slosh", 1.0, 0.1, "effect")])
     folder = tmp_path / "car-baseline-none-0"
     assert Case("car-baseline-none", 0, folder, "real").folder.exists()
     main(["--quality", "real", "--traced", "--cases", "car-baseline-none", "--out", str(tmp_path)])
