@@ -25,6 +25,7 @@ BO_ 258 Angle: 4 ECU
 BO_ 259 Choice: 4 ECU
  SG_ Which M : 0|8@1+ (1,0) [0|0] "" ECU
  SG_ First m0 : 8|16@1- (0.5,0) [0|0] "m" ECU
+ SG_ Level : 24|4@1+ (1,0) [0|15] "" ECU
  SG_ Second m1 : 8|16@1+ (1,0) [0|0] "m/s" ECU
 BO_ 260 Wide: 64 ECU
  SG_ Behind : 400|24@1- (0.001,0) [0|0] "m/s^2" ECU
@@ -36,7 +37,8 @@ BA_DEF_DEF_ "VFrameFormat" "StandardCAN";
 BA_ "VFrameFormat" BO_ 2364540158 3;
 SIG_VALTYPE_ 258 Wheel : 1;
 VAL_ 256 Speed 65533 "Init" 65535 "SNA" ;
-VAL_ 256 Gear 0 "Neutral" 1 "First" 2 "Second" 15 "SNA" ;
+VAL_ 256 Gear 5 "P" 6 "R" 7 "N" 15 "SNA" ;
+VAL_ 259 Level 14 "Init" 15 "Error" ;
 """
 
 ARXML = """<?xml version="1.0" encoding="UTF-8"?>
@@ -93,7 +95,7 @@ def frames(count: int = 40) -> list[can.Message]:
 
     for i in range(count):
         speed = (65535, 65533)[i % 2] if 10 <= i < 14 else 1000 + i
-        send(i, 0, 256, speed.to_bytes(2, "little") + rng.bytes(3) + bytes([i % 3, 0, 0]))
+        send(i, 0, 256, speed.to_bytes(2, "little") + rng.bytes(3) + bytes([5 + i % 3, 0, 0]))
         send(i, 1, 257, (2**64 - 1 - i).to_bytes(8, "little"))
         send(i, 2, 258, np.float32(np.sin(i)).tobytes())
         send(i, 3, 259, bytes([i % 2]) + rng.bytes(3))
@@ -110,7 +112,8 @@ def write(path: Path, messages: list[can.Message]) -> Path:
     """Write frames with python-can in the form that the suffix says."""
     logger = can.Logger(path)
     for message in messages:
-        logger.on_message_received(message)
+        if not message.is_fd or path.suffix != ".trc":
+            logger.on_message_received(message)
     logger.stop()
     if path.suffix == ".trc":  # whose writer leaves out CAN FD
         wide = [m for m in messages if m.is_fd]

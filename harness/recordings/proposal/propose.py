@@ -156,7 +156,8 @@ def propose(path: Path, databases: Sequence[str] = (), folder: Path = Path()) ->
             f"{path}: no column looks like a signal of a vehicle: {named}; {f'{why}; ' if why else ''}write the map "
             "by hand (docs/measured-data.md)"
         )
-    clocks = tuple(clock for own in own_clocks for clock in own)
+    used = {g.table for g in guesses}  # a format's own clocks of other messages need no entry
+    clocks = tuple(c for i, own in enumerate(own_clocks) for c in own if i in used or c[0] != tables[i].clock)
     notes += [*(note for table in tables for note in table.notes), *_further_notes(guesses, clocks, left_out)]
     result = Proposal(tuple(guesses), clocks, left_out, tuple(notes))
     return replace(result, text=_text(result, file, [relative(each, folder) for each in databases]))

@@ -249,12 +249,12 @@ def _not_available(raw: NDArray[Any], length: int) -> Mask:
 def _names_no_value(raw: NDArray[Any], signal: Any) -> Mask:
     """Return which values a value table names that are no measurement.
 
-    A table that names 0 and 1, or 1 and 2, of a plain number lists states, which are kept. In any other one the names
-    stand for what the quantity is not: only that of zero may be a place on its scale.
+    A table of a plain number that begins with two neighbours in the lower half of its range lists states, which are
+    kept. In any other one the names stand for what the quantity is not: only that of zero may be a place on its scale.
     """
     names = {int(value): str(text) for value, text in (signal.choices or {}).items()}
     lowest = sorted(names)[:2]
-    states = len(lowest) == 2 and lowest[1] - lowest[0] == 1 and lowest[0] <= 1
+    states = len(lowest) == 2 and lowest[1] - lowest[0] == 1 and 2 * lowest[0] < 1 << signal.length
     if not names or (states and signal.scale == 1 and signal.offset == 0):
         return np.zeros(len(raw), dtype=bool)
     nothing = [value for value, text in names.items() if value != 0 or _NO_VALUE.search(text)]
