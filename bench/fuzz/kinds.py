@@ -8,8 +8,9 @@ import json
 import pickle
 import tomllib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from shutil import copy
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ import typer
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from bench.fuzz import folders
+from bench.fuzz import folders, loggers
 from bench.fuzz.mutate import changed, damaged, large, numbers, texts, toml, values
 from harness.cli.main import app
 from harness.common import locations
@@ -94,6 +95,17 @@ def kinds(folder: Path) -> dict[str, Kind]:
             for form in ("asc", "log", "trc")
         },
         **{form: files(0.02, f"bus.{form}", lambda path: _bus(made / "bus.blf", path)) for form in DATABASES},
+        "text of loggers": files(0.08, "a.csv", loggers.read, loggers.preambles(), loggers.preambles()),
+        "vbo": files(0.02, "a.vbo", _tables_of),
+        "erg": replace(files(0.01, "a.erg", _tables_of), prepare=lambda path: copy(made / "a.erg.info", path.parent)),
+        "erg info": replace(
+            files(0.01, "a.erg.info", lambda path: _tables_of(path.with_suffix(""))),
+            prepare=lambda path: copy(made / "a.erg", path.parent),
+        ),
+        "tdms": files(0.02, "a.tdms", _tables_of),
+        "mcap": files(0.03, "a.mcap", _tables_of),
+        "db3": files(0.02, "a.db3", _tables_of),
+        "bag": files(0.03, "a.bag", _tables_of),
         "network": files(0.07, "n.npz", _network, _npz()),
         "result folder": Kind(
             0.02,
@@ -230,6 +242,7 @@ def _good(folder: Path) -> dict[str, bytes]:
     databases = (bus_logs.DBC, described.as_kcd_string(), described.as_sym_string(), bus_logs.ARXML)
     for form, text in zip(DATABASES, databases, strict=True):
         (folder / f"bus.{form}").write_text(text, encoding="utf-8")
+    loggers.write(folder)
     (folder / "n.npz").write_bytes(_network_file().read_bytes())
     return {p.name: p.read_bytes() for p in folder.iterdir() if p.is_file()}
 
@@ -318,6 +331,12 @@ def _bus(path: Path, database: Path) -> object:
     from harness.recordings.readers import read_tables
 
     return read_tables(path, None, [str(database)])
+
+
+def _tables_of(path: Path) -> object:
+    from harness.recordings import readers
+
+    return readers.read_tables(path)
 
 
 def _network(path: Path) -> object:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections import Counter
 
@@ -29,10 +30,12 @@ def read(path: str) -> list[Table]:
     """
     try:
         from nptdms import TdmsFile
+        from nptdms.log import log_manager
     except ImportError:
         raise UserError(
             f'{path}: TDMS files are read with npTDMS, which is not installed: pip install "robustness-harness[racing]"'
         ) from None
+    log_manager.set_level(logging.CRITICAL)  # which prints by itself
     tables: dict[tuple[str, int, float, float], Table] = {}
     with refuse_damaged(path, "TDMS file"), TdmsFile.open(path) as file:
         channels = [channel for group in file.groups() for channel in group.channels()]
