@@ -7,7 +7,7 @@ import pytest
 
 import harness as h
 from harness.identification.fit_recordings import NominalFit
-from harness.recordings.check.causes import DELAY, SIGN, RecordingFault
+from harness.recordings.check.causes import DELAY, HEADING, SIGN, RecordingFault
 from harness.recordings.check.examine import Finding, examine
 from harness.recordings.check.remedy import mended, spoils
 from harness.recordings.check.run import MapRemedy, check_tables, tried_by_fit
@@ -30,6 +30,14 @@ def test_a_sign_is_turned_where_the_map_has_it(entry, after):
     fault = RecordingFault(SIGN, ("yaw_rate",), -1.0, 0.0, 0.0, "wrong sign")
     found = mended({"yaw_rate": {**named, **entry}}, [fault], [], {}, 60.0)
     assert found == {"yaw_rate": {**named, **after}}
+
+
+def test_a_heading_that_is_none_of_a_compass_loses_the_convention():
+    entry = {"channel": "h", "unit": "deg", "convention": "compass"}
+    fault = RecordingFault(HEADING, ("heading",), -1.0, np.pi / 2, 0.0, "a compass heading")
+    assert mended({"heading": entry}, [fault], [], {}, 60.0) == {
+        "heading": {"channel": "h", "unit": "deg", "offset": "0 deg"}
+    }
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from harness.common.errors import UserError
@@ -341,3 +342,31 @@ def test_columns_of_several_clocks_are_compared(tmp_path):
     found = guessed(tmp_path / "a.mat")
     assert (found["speed"][1], found["yaw_rate"][1], found["lateral_acceleration"][1]) == ("km/h", "deg/s", "m/s^2")
     assert "lateral acceleration over speed times yaw rate: 1.0" in propose(tmp_path / "a.mat").text
+
+
+@pytest.mark.parametrize(
+    ("column", "places", "clockwise", "convention"),
+    [
+        ("Heading", True, True, "compass"),
+        ("Heading", True, False, ""),
+        ("GPS Course", False, True, "compass"),
+        ("Heading", False, True, ""),
+    ],
+)
+def test_a_compass_is_told_by_the_course_or_by_its_name(tmp_path, column, places, clockwise, convention):
+    time = np.arange(0, 40, 0.05)
+    speed, rate = 15 + np.sin(0.2 * time), 0.15 * np.sin(0.4 * time)
+    heading = 0.3 + np.cumsum(rate) * 0.05
+    east, north = (np.cumsum(speed * f(heading)) * 0.05 for f in (np.cos, np.sin))
+    degrees = np.degrees(np.pi / 2 - heading if clockwise else heading) % 360
+    table = {"time": time, "speed (m/s)": speed, "yaw rate (rad/s)": rate, f"{column} (deg)": degrees}
+    if places:
+        table |= {"East (m)": east, "North (m)": north}
+    pd.DataFrame(table).to_csv(tmp_path / "a.csv", index=False)
+    found = propose(tmp_path / "a.csv")
+    (entry,) = (g for g in found.guesses if g.signal == "heading")
+    assert entry.compass is (convention == "compass")
+    (tmp_path / "map.toml").write_text(found.text)
+    read = load_recording(tmp_path / "a.csv", tmp_path / "map.toml")["heading"]
+    if convention or not clockwise:
+        np.testing.assert_allclose(np.exp(1j * read), np.exp(1j * heading), atol=1e-3)

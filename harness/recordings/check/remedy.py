@@ -216,6 +216,9 @@ def _mend(content: dict[str, Any], fault: RecordingFault) -> None:
         entry = content.get(name)
         if entry is None:
             continue
+        if entry.pop("convention", ""):
+            entry["sign"] = -entry.get("sign", 1)
+            _moved(entry, name, np.pi / 2)
         if fault.kind in (SIGN, HEADING) and fault.factor < 0:
             if entry.get("factor", 1.0) < 0:  # the map has the sign in its factor
                 entry["factor"] = -entry["factor"]

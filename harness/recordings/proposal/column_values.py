@@ -5,6 +5,7 @@ Motions are averaged on one time base before they are compared.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -14,6 +15,7 @@ from scipy.ndimage import uniform_filter1d
 from harness.common.arrays import Floats
 from harness.common.units import scale
 from harness.models.signals import SIGNALS
+from harness.recordings.proposal.column_names import read_name
 
 _USUAL = {
     "speed": (12.0, 1.0), "longitudinal_velocity": (12.0, 1.0), "lateral_velocity": (0.3, 1.5),
@@ -59,6 +61,7 @@ class Guess:
         sure: Log odds by its name.
         usual: Log odds by its values in this unit.
         free: Whether another unit was possible.
+        compass: Whether it is a heading that counts clockwise from north.
     """
 
     signal: str
@@ -72,6 +75,7 @@ class Guess:
     sure: float = 0.0
     usual: float = 0.0
     free: bool = False
+    compass: bool = False
 
     @property
     def factor(self) -> float:
@@ -311,6 +315,12 @@ def witness(motion: Motion, guesses: Mapping[str, Guess]) -> Witness:
 
 def _over_ground(motion: Motion, guesses: Mapping[str, Guess]) -> tuple[Floats, Floats]:
     """Return rate of the course in rad/s and speed in m/s by positions; both empty where there are none."""
+    course, speed = course_over_ground(motion, guesses)
+    return (motion.rate(course), speed) if len(course) else (course, speed)
+
+
+def course_over_ground(motion: Motion, guesses: Mapping[str, Guess]) -> tuple[Floats, Floats]:
+    """Return course in rad, to the left from east, and speed in m/s by positions; both empty where there are none."""
     east, north = guesses.get("position_x"), guesses.get("position_y")
     to_east = to_north = 1.0
     if east is None or north is None:
@@ -325,4 +335,29 @@ def _over_ground(motion: Motion, guesses: Mapping[str, Guess]) -> tuple[Floats, 
         return np.empty(0), np.empty(0)
     course = np.full(len(x), np.nan)
     course[moving] = np.unwrap(np.arctan2(y[moving], x[moving]))
-    return motion.rate(course), speed
+    return course, speed
+
+
+_SAME_COURSE = 0.8
+"""Mean cosine of course and heading from which one tells the convention of the other."""
+_COMPASS = re.compile(r"\b(gps|gnss|compass|bearing|azimuth|course|cog|kurs|track)\b")
+"""Words of a heading that counts clockwise from north."""
+
+
+def with_convention(g: Guess, motion: Motion, guesses: Mapping[str, Guess]) -> Guess:
+    """Return a heading marked as one of a compass where the course over ground, the yaw rate or its name says so."""
+    if g.signal != "heading":
+        return g
+    values, (course, _) = motion.series(g, turning=True), course_over_ground(motion, guesses)
+    if len(course) == len(values):
+        turns = np.exp(1j * (course - values)), np.exp(1j * (course + values - np.pi / 2))
+        plain, compass = (float(np.nanmean(turn).real) if np.isfinite(turn).any() else 0.0 for turn in turns)
+        why = "90° less the course over ground: a compass" if compass > max(plain, _SAME_COURSE) else ""
+    else:
+        rate = guesses.get("yaw_rate")
+        both = MotionPair("", (), np.nan, np.nan)
+        if rate is not None:
+            both = compared("", ("yaw_rate",), motion.series(rate), motion.rate(values))
+        named = _COMPASS.search(read_name(g.column).words) is not None
+        why = "by its name of a compass, clockwise from north" if named and not both.factor > 0 else ""
+    return replace(g, compass=True, why=(*g.why, why)) if why else g

@@ -41,6 +41,7 @@ from harness.recordings.proposal.column_values import (
     Witness,
     compared,
     in_units,
+    with_convention,
     witness,
 )
 from harness.recordings.read.channel_map import relative
@@ -84,7 +85,7 @@ class Proposal:
         """Return what was guessed and why, in lines."""
         lines = [f"time: '{c.column}' in {c.unit} ({c.why})" for c in self.clocks]
         for g in self.guesses:
-            sign = ", reversed" if g.sign < 0 else ""
+            sign = ", reversed" if g.sign < 0 else ", clockwise from north" if g.compass else ""
             lines.append(f"{g.signal}: '{g.column}' in {g.unit}{sign} ({'; '.join(g.why)})")
         return [*lines, *self.omissions(), *(f"note: {note}" for note in self.notes)]
 
@@ -136,6 +137,7 @@ def propose(path: Path, databases: Sequence[str] = (), folder: Path = Path()) ->
     if further := _by_unit_and_motion(columns.unread, chosen.guesses, motion):
         chosen = choose([*columns.front, *further], motion, seen)
     guesses, notes = _settled(chosen, motion, seen)
+    guesses = [with_convention(g, motion, chosen.guesses) for g in guesses]
     left_out = columns.left_out | chosen.lost
     if columns.rear or any(g.signal == "articulation_angle" for g in guesses):
         speed = [replace(g, free=False) for g in guesses if g.signal == "speed"]
@@ -436,6 +438,7 @@ def _text(proposal: Proposal, path: Path, databases: Sequence[str]) -> str:
         content["time"] = times[0] if len(times) == 1 else times
     for g in proposal.guesses:
         entry: dict[str, object] = {"channel": g.column, "unit": g.unit}
+        entry |= {"convention": "compass"} if g.compass else {}
         content[g.signal] = entry | ({"sign": -1} if g.sign < 0 else {})
         comments[g.signal,] = "; ".join(g.why)
     head = ["Proposed by harness new channels: a guess, look at every entry (docs/measured-data.md).", *proposal.notes]

@@ -90,6 +90,9 @@ class ChannelTable(StrictTable):
         description="where an unsigned speed is driven backwards: a column that is negative there, such as the gear, "
         'or "course", where the course over ground is against the heading',
     )
+    convention: Literal["", "compass"] = Field(
+        default="", description='"compass": a heading or course that counts clockwise from north'
+    )
     hold: StrictBool = Field(default=False, description="the value is held until the next update, as that of a command")
     remove_spikes: StrictBool = Field(default=False, description="treat single-sample spikes as missing")
     includes_gravity: StrictBool = Field(
@@ -322,6 +325,9 @@ def _channel(name: str, table: ChannelTable, where: str, points: dict[str, Point
         raise UserError(f"{where}.reverse: {name} has a sign of its own; it is for {', '.join(UNSIGNED)}")
     if table.factor == 0:
         raise UserError(f"{where}.factor: {table.factor!r} leaves nothing of the channel; write a number other than 0")
+    if table.convention and name != "heading":
+        raise UserError(f"{where}.convention: is for the heading; {name} has another sign by sign = -1")
+    turned = -1.0 if table.convention else 1.0
     delay = np.nan if table.delay == ESTIMATE else to_si(table.delay, "s", f"{where}.delay")
     lag = to_si(table.lag, "s", f"{where}.lag")
     if lag < 0:
@@ -329,9 +335,12 @@ def _channel(name: str, table: ChannelTable, where: str, points: dict[str, Point
     return Channel(
         signal=name,
         channel=table.channel,
-        scale=table.sign * table.factor * (1.0 if table.unit is None else scale(table.unit, unit, f"{where}.unit")),
+        scale=turned
+        * table.sign
+        * table.factor
+        * (1.0 if table.unit is None else scale(table.unit, unit, f"{where}.unit")),
         unit=table.unit,
-        offset=to_si(table.offset, unit, f"{where}.offset"),
+        offset=to_si(table.offset, unit, f"{where}.offset") + (np.pi / 2 if table.convention else 0.0),
         delay=delay,
         point=table.point or "",
         curve=curve,
