@@ -35,9 +35,10 @@ def test_a_sign_is_turned_where_the_map_has_it(entry, after):
 def test_a_heading_that_is_none_of_a_compass_loses_the_convention():
     entry = {"channel": "h", "unit": "deg", "convention": "compass"}
     fault = RecordingFault(HEADING, ("heading",), -1.0, np.pi / 2, 0.0, "a compass heading")
-    assert mended({"heading": entry}, [fault], [], {}, 60.0) == {
-        "heading": {"channel": "h", "unit": "deg", "offset": "0 deg"}
-    }
+    assert mended({"heading": entry}, [fault], [], {}, 60.0) == {"heading": {"channel": "h", "unit": "deg"}}
+    rear = RecordingFault(HEADING, ("heading",), 1.0, np.pi, 0.0, "that of the rear")
+    turned = mended({"heading": entry}, [rear], [], {}, 60.0)["heading"]
+    assert turned == {"channel": "h", "unit": "deg", "sign": -1, "offset": "270 deg"}
 
 
 @pytest.fixture(scope="module")

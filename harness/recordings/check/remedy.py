@@ -217,6 +217,8 @@ def _mend(content: dict[str, Any], fault: RecordingFault) -> None:
         if entry is None:
             continue
         if entry.pop("convention", ""):
+            if fault.kind == HEADING and fault.factor < 0 and np.isclose(fault.offset, np.pi / 2):
+                continue  # the same convention once more
             entry["sign"] = -entry.get("sign", 1)
             _moved(entry, name, np.pi / 2)
         if fault.kind in (SIGN, HEADING) and fault.factor < 0:
