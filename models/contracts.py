@@ -121,6 +121,7 @@ class DriveContext:
         steering_ratio: Steering-wheel angle over road-wheel angle.
         step: Sample time in s.
         base: Folder against which relative file names are resolved.
+        understeer_gradient: Returns that of the vehicle in rad s^2/m; 0 where nobody knows it.
         read: Reads a recording by path into columns of shape ``(samples,)``; the harness provides it, because
             models read no files.
     """
@@ -129,6 +130,7 @@ class DriveContext:
     steering_ratio: float
     step: float = 0.01
     base: str = "."
+    understeer_gradient: Callable[[], float] = float
     read: Callable[[str], dict[str, Floats]] | None = None
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from harness.common import registry
 from harness.common.errors import ModelError, UserError
 from harness.common.files import read_toml
 from harness.common.units import to_si
+from harness.config.derived import GRADIENT, axle_values
 from harness.config.specs import DriveSpec, ModelSpec
 from harness.models.contracts import DriveContext, Option, Profile
 from harness.models.drive_options import options_of
@@ -84,7 +86,12 @@ def profile_of(spec: ModelSpec, drive: DriveSpec) -> Profile:
 
 def context_of(spec: ModelSpec, drive: DriveSpec) -> DriveContext:
     """Return what a drive is to know of the plant that drives it."""
-    return DriveContext(spec.wheelbase, spec.steering_ratio, spec.step, base=str(drive.base))
+    gradient = functools.partial(_understeer_gradient, spec)
+    return DriveContext(spec.wheelbase, spec.steering_ratio, spec.step, str(drive.base), gradient)
+
+
+def _understeer_gradient(spec: ModelSpec) -> float:
+    return axle_values(spec).get(GRADIENT, 0.0)
 
 
 def _declares(module: Any, name: str) -> bool:
