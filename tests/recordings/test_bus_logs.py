@@ -1,4 +1,5 @@
 import struct
+import time
 import tracemalloc
 import zlib
 from pathlib import Path
@@ -11,6 +12,7 @@ from asammdf import MDF, Signal
 from harness.common.errors import UserError
 from harness.recordings import load_recording, readers
 from harness.recordings.proposal.propose import propose
+from harness.recordings.readers import mdf
 from harness.recordings.readers._decode import Octets, raw_values
 from harness.recordings.readers._frames import Frames
 from support import bus_logs
@@ -234,6 +236,29 @@ def test_packed_blocks_of_an_mdf_file_hold_what_they_state(tmp_path, stated):
     path.write_bytes(content)
     with pytest.raises(UserError, match=r"unpacked,? has|holds more than the 1000 that it states"):
         readers.read_tables(path)
+
+
+def test_a_minute_of_a_busy_bus_takes_a_fraction_of_a_second_and_little_memory(log, tmp_path):
+    path = bus_logs.long_blf(tmp_path / "long.blf", 300_000)  # a tenth of ten minutes, within a tenth of 5 s and 1 GB
+    readers.read_tables(log[2]["blf"], None, [str(log[1])])
+    begun = time.process_time()
+    (table,) = readers.read_tables(path, None, [str(log[1])])
+    assert time.process_time() - begun < 0.5
+    assert len(table.columns["Motion.Speed"]) == 300_000
+    np.testing.assert_array_equal(table.columns["Motion.time"][[0, -1]], [0.0, 59.9998])
+    tracemalloc.start()
+    readers.read_tables(path, None, [str(log[1])])
+    assert tracemalloc.get_traced_memory()[1] < 1e8
+    tracemalloc.stop()
+
+
+@real
+def test_frames_of_several_groups_are_in_the_order_of_their_stamps():
+    path = CAN / "2F6913DB_00001089_00000001-63BEF5CD.MF4"
+    with MDF(path, process_bus_logging=False) as file:
+        frames = mdf._frames(file, str(path))
+    assert len(frames.buses) > 2
+    assert (np.diff(frames.time) >= 0).all()
 
 
 @real

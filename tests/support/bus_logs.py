@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
 from pathlib import Path
 
 import can
@@ -123,6 +125,24 @@ def write(path: Path, messages: list[can.Message]) -> Path:
             for i, m in enumerate(wide)
         ]
         path.write_text(path.read_text(encoding="utf-8") + "".join(lines), encoding="utf-8")
+    return path
+
+
+def long_blf(path: Path, count: int) -> Path:
+    """Write the message Motion as a BLF file, 5,000 frames a second."""
+    kinds = "S4, <u2, <u2, <u4, <u4, <u4, <u4, <u8, <u2, u1, u1, <u4, <u8"
+    objects = np.zeros(count, dtype=kinds)
+    head = (b"LOBJ", 32, 1, 48, 86, 2, 0)
+    for name, value in zip(objects.dtype.names, (*head, 200_000 * np.arange(count), 1, 0, 8, 256), strict=False):
+        objects[name] = value
+    objects["f12"] = np.random.default_rng(0).integers(0, 2**63, count)
+    blocks, size = [b"LOGG" + (144).to_bytes(4, "little") + bytes(136)], 2**17
+    for begin in range(0, objects.nbytes, size):
+        block = objects.view("V1")[begin : begin + size].tobytes()
+        packed = zlib.compress(block, 1)
+        blocks.append(struct.pack("<4sHHLLH6xL4x", b"LOBJ", 16, 1, 32 + len(packed), 10, 2, len(block)) + packed)
+        blocks.append(bytes(len(packed) % 4))
+    path.write_bytes(b"".join(blocks))
     return path
 
 
