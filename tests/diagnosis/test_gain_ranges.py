@@ -97,7 +97,7 @@ def test_the_search_is_held_to_the_ranges(augmented):
     gain = next(h for h in hypotheses(held, FREE) if h.name == "sensor_gain@yaw_rate")
     (one,) = (c for c in coordinates(held, FREE, (gain,), 1) if c.name == GAIN)
     assert (one.value(one.lower), one.value(one.upper)) == pytest.approx((-0.02, 0.01))
-    assert augmented.possible_range(GAIN, values) == (-0.9, 2.0)
+    assert augmented.possible_range(GAIN, values) == (-1.0, 2.0)
     off = augmented.within({GAIN: (0.04, 0.06), "stiffness_peak_front": (1.0, 2.0)})
     assert off.possible_range(GAIN, values) == (0.0, 0.06)  # that there is none is always possible
     assert off.bounds("stiffness_peak_front")[1] == augmented.spec.values["stiffness_peak_front"]
