@@ -19,6 +19,7 @@ from harness.recordings.check import remedy
 from harness.recordings.check.axle_curves import AxleCurve, axles_of
 from harness.recordings.check.causes import DELAY, DRIFT
 from harness.recordings.check.examine import Examination, Finding, examine
+from harness.recordings.check.mounting import mounted
 from harness.recordings.check.remedy import FitError, spoils
 from harness.recordings.motion.consistency import DISAGREES, DelayUnknown, verdicts
 from harness.recordings.motion.pair_fit import Agreement
@@ -184,6 +185,11 @@ def check_tables(
     findings = list(examination.findings)
     after, last = given, examination
     mended: MapRemedy | None = None
+    if content is not None and (turned := mounted(tables, given, file)) is not None:
+        after, finding = turned
+        _, last, _ = _examined(tables, file, after, span)
+        mended = MapRemedy(after, tuple(remedy.lines(given, after)), last.fits)
+        findings = [finding, *last.findings]
     for _ in range(_ROUNDS):
         better = _mended(tables, after, last, recording)
         if better == after:

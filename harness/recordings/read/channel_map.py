@@ -37,6 +37,7 @@ from harness.config.problems import Problems, validated
 from harness.config.schema import Name, Number, Quantity, StrictTable
 from harness.models.signals import SIGNALS
 from harness.recordings.motion.kinematics import DERIVED
+from harness.recordings.motion.mounting import rotation
 from harness.recordings.motion.pose import UNSIGNED
 from harness.recordings.readers import bus_and_file
 
@@ -129,6 +130,16 @@ class DeriveTable(StrictTable):
     window: Quantity = Field(default=0.1, description="length of the window of the local polynomial")
 
 
+class MountingTable(StrictTable):
+    """``[mounting.<name>]``: an inertial unit whose axes are not the vehicle's; its columns are turned into those."""
+
+    acceleration: list[Name] = Field(default_factory=list, description="columns along its x, y and z axis")
+    angular_velocity: list[Name] = Field(default_factory=list, description="the same of its turning")
+    roll: Quantity = Field(default=0.0, description="about x, the first turn that takes its axes to the vehicle's")
+    pitch: Quantity = Field(default=0.0, description="about y, the second")
+    yaw: Quantity = Field(default=0.0, description="about z, the last")
+
+
 class MapFile(StrictTable):
     """The tables of a channel map beside its signals."""
 
@@ -142,6 +153,7 @@ class MapFile(StrictTable):
     )
     recording: RecordingTable = RecordingTable()
     points: dict[str, PointTable] = Field(default_factory=dict)
+    mounting: dict[str, MountingTable] = Field(default_factory=dict)
     derive: DeriveTable | None = None
 
 
@@ -198,6 +210,22 @@ class SensorPoint:
 
 
 @dataclass(frozen=True)
+class Mounting:
+    """Columns of a unit and the matrix ``(3, 3)`` that turns them into the vehicle's axes.
+
+    Attributes:
+        acceleration, angular_velocity: Three columns, or none.
+        turn: The matrix.
+        where: File and key, for errors.
+    """
+
+    acceleration: tuple[str, ...]
+    angular_velocity: tuple[str, ...]
+    turn: Floats
+    where: str
+
+
+@dataclass(frozen=True)
 class ChannelMap:
     """A channel map with units resolved; see the tables above for the meaning of the fields.
 
@@ -214,6 +242,7 @@ class ChannelMap:
     clocks: dict[str, tuple[float, float, float]] = field(default_factory=dict)
     added: dict[str, tuple[str, float]] = field(default_factory=dict)
     points: dict[str, SensorPoint] = field(default_factory=dict)
+    mounting: tuple[Mounting, ...] = ()
     step: float = np.nan
     rate: float = np.nan
     start: float = 0.0
@@ -353,6 +382,14 @@ def _channel(name: str, table: ChannelTable, where: str, points: dict[str, Point
     )
 
 
+def _mounting(table: MountingTable, where: str) -> Mounting:
+    for key in ("acceleration", "angular_velocity"):
+        if len(getattr(table, key)) not in (0, 3):
+            raise UserError(f"{where}.{key}: name three columns, along x, y and z")
+    turn = rotation(*(to_si(getattr(table, key), "rad", f"{where}.{key}") for key in ("roll", "pitch", "yaw")))
+    return Mounting(tuple(table.acceleration), tuple(table.angular_velocity), turn, where)
+
+
 def _resolve(raw: MapFile, channels: list[Channel], file: str) -> ChannelMap:
     """Resolve the units of the settings."""
 
@@ -396,6 +433,7 @@ def _resolve(raw: MapFile, channels: list[Channel], file: str) -> ChannelMap:
             if c.plus is not None
         },
         points=points,
+        mounting=tuple(_mounting(table, f"{file}: mounting.{name}") for name, table in raw.mounting.items()),
         step=number("recording", "step", setting.step, "s"),
         rate=number("recording", "rate", setting.rate, "Hz"),
         start=number("recording", "start", setting.start, "s", False),

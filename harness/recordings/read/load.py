@@ -21,6 +21,7 @@ from harness.recordings import readers
 from harness.recordings.motion.consistency import find_delay
 from harness.recordings.motion.kinematics import DERIVED, Sources
 from harness.recordings.motion.pose import COURSE, NEEDS, backwards, continued, tangent_plane
+from harness.recordings.read.axes import in_vehicle_axes
 from harness.recordings.read.channel_map import ChannelMap, load_map
 from harness.recordings.read.channels import Raw, collect, plain_map, to_reference_point
 from harness.recordings.read.clock import Clock
@@ -89,6 +90,7 @@ def _tables(file: Path, mapping: ChannelMap | None, databases: Sequence[str]) ->
     named = {c.channel for c in mapping.channels}
     gears = {c.reverse for c in mapping.channels if c.reverse not in ("", COURSE)}
     clocks = set(mapping.clocks) | {column for column, _ in mapping.added.values()}
+    clocks |= {name for unit in mapping.mounting for name in (*unit.acceleration, *unit.angular_velocity)}
     tables = readers.read_tables(file, (named | gears | clocks).__contains__, databases)
     complete = named <= {n for t in tables for n in t.columns}
     return tables if complete else readers.read_tables(file, databases=databases)
@@ -115,6 +117,7 @@ def recording_of(
     if step is not None:
         mapping = replace(mapping, step=step)
     tables = [replace(t, columns=dict(t.columns)) for t in tables]  # their columns are given up
+    tables = in_vehicle_axes(tables, mapping, file)
     mapping, disagreements = with_file_units(mapping, tables, file)
     raws, clock = collect(tables, mapping, file)
     raws, turns = _with_turns(raws)
