@@ -143,6 +143,8 @@ def test_databases_are_of_a_bus_or_of_all(log):
     _, database, files = log
     read = readers.read_tables(files["blf"], None, [f"2={database}"])
     assert [t.clock for t in read] == ["Motion.time"]
+    with pytest.raises(UserError, match=r"^absent.dbc: the database does not exist"):
+        readers.read_tables(files["blf"], None, ["absent.dbc"])
     with pytest.raises(UserError, match=r"has no bus '7'.*there are 1, 2"):
         readers.read_tables(files["blf"], None, [f"7={database}"])
 

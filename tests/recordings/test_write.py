@@ -51,6 +51,13 @@ def test_mcap_is_a_bag_with_units_on_the_clock_of_the_log(recording, tmp_path):
         np.testing.assert_array_equal(table.columns[f"/harness.{name}"], recording[name])
 
 
+def test_a_log_that_begins_before_its_trigger_begins_at_zero_in_mcap(recording, tmp_path):
+    path = tmp_path / "a.mcap"
+    write.write_recording(recording.assign_attrs(start=-1.5, begun=0.0), path)
+    stamps = [m.log_time for _, _, m in make_reader(io.BytesIO(path.read_bytes())).iter_messages()]
+    assert (stamps[0], stamps[-1]) == (0, 1_990_000_000)
+
+
 def test_parquet_has_units_in_the_metadata_of_its_columns(recording, tmp_path):
     path = tmp_path / "a.parquet"
     write.write_recording(recording, path)

@@ -139,9 +139,10 @@ def _mcap(recording: xr.Dataset) -> bytes:
     writer.start(profile="ros2", library="robustness-harness")
     schema = writer.register_schema("harness/msg/Signals", "ros2msg", "\n".join(fields).encode())
     channel = writer.register_channel(_TOPIC, "cdr", schema, {"units": json.dumps(units)})
-    begun = round(float(recording.attrs.get("begun", 0.0)) * 1e9)
+    stamps = _stamps(recording)
+    begun = max(round(float(recording.attrs.get("begun", 0.0)) * 1e9), -round(stamps[0] * 1e9))  # no time is negative
     rows = np.stack([v.to_numpy().astype("<f8") for v in variables], axis=1)
-    for stamp, row in zip(_stamps(recording).tolist(), rows, strict=True):
+    for stamp, row in zip(stamps.tolist(), rows, strict=True):
         at = begun + round(stamp * 1e9)
         writer.add_message(channel, at, _LITTLE_ENDIAN + row.tobytes(), at)
     writer.finish()

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from harness.common.errors import MissingFileError, UserError
+from harness.common.errors import UserError
 from harness.common.files import refuse_beyond, refuse_damaged, refuse_special
 from harness.recordings.readers._frames import EXTENDED
 
@@ -107,7 +107,7 @@ def _load(bus: str, file: str) -> Database:
         refuse_beyond(file, "the database", path.stat().st_size, _LARGEST, "bytes")
         content = path.read_bytes()
     except FileNotFoundError:
-        raise MissingFileError(f"{file}: the database does not exist") from None
+        raise UserError(f"{file}: the database does not exist") from None
     except OSError as error:
         raise UserError(f"{file}: cannot be read: {error.strerror or error}") from None
     with refuse_damaged(file, f"{path.suffix[1:].upper()} database"):

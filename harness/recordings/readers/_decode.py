@@ -143,7 +143,7 @@ def _coverage(frames: Frames, streams: Sequence[Stream], databases: Sequence[Dat
         unknown[stream.rows] = False
     files = ", ".join(dict.fromkeys(d.file for d in databases))
     count = len(unknown) - int(unknown.sum())
-    words = f"{files}: {count or 'none'} of {len(unknown)} frames on the bus are of a message there"
+    words = f"{files}: {count or 'none'} of {len(unknown)} frames on the bus are described there"
     return f"{words}; unknown: {identifiers_in_words(frames, unknown)}" if unknown.any() else words
 
 
