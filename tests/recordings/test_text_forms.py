@@ -55,6 +55,15 @@ FORMS = {
         "stamp.sec,stamp.nanosec,Speed,Yaw Rate",
         *rows(stamps=[f"{1746439200 + int(t)},{round(t % 1 * 1e9) % 10**9}" for t in TIME]),
     ],
+    "tv.csv": [
+        "tv_sec,tv_usec,Speed,Yaw Rate",
+        *rows(stamps=[f"{1746439200 + int(t)},{round(t % 1 * 1e6) % 10**6}" for t in TIME]),
+    ],
+    "three.csv": [
+        "t,path,data",
+        *(f"{t:.2f},{n},{v}" for t, v, r in zip(TIME, 3.6 * SPEED, TURN, strict=True)
+          for n, v in (("Speed [km/h]", v), ("Yaw Rate [deg/s]", r))),
+    ],
     "long.csv": [
         "Timestamp;Signal Name;Value;Unit",
         *(f"{t:.2f};{n};{v};{u}" for t, v, r in zip(TIME, 3.6 * SPEED, TURN, strict=True)

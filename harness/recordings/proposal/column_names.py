@@ -158,6 +158,7 @@ _KINDS = {"m/s": "speed", "m/s^2": "acceleration", "rad/s": "rate"}
 
 TIME = re.compile(
     r"^(t|time|timestamp|zeit|clock|stamp|ts|utc|uhrzeit|zeitstempel|datetime|date time|x value|temps|seconds?)\b|"
+    r"^(secs?|tv|datenum|epoch|elapsed)$|"
     r"\b(time|stamp|timestamps?|uhrzeit)$"
 )
 """Words of a clock."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import re
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import pandas as pd
@@ -49,11 +50,13 @@ def long_form(layout: Layout, head: list[str]) -> LongForm | None:
         for name in layout.names:
             if name not in places.values() and pattern.fullmatch(re.sub(r"[^a-z]", "", name.lower())):
                 places.setdefault(kind, name)
-    if not {"time", "name", "value"} <= set(places):
-        return None
     try:
         rows = [cells_of(line, layout.separator) for line in head[layout.before :] if is_data(line)]
     except csv.Error:
+        return None
+    if "time" in places and "name" not in places and len(layout.names) == 3:
+        places = {"time": places["time"]} | _by_rows(places["time"], layout, rows)
+    if not {"time", "name", "value"} <= set(places):
         return None
     for kind, text in (("name", True), ("value", False)):
         place = layout.names.index(places[kind])
@@ -61,6 +64,18 @@ def long_form(layout: Layout, head: list[str]) -> LongForm | None:
         if not cells or text == any(is_number(c, layout.decimal) for c in cells):
             return None
     return LongForm(**places)
+
+
+def _by_rows(time: str, layout: Layout, rows: list[list[str]]) -> dict[str, str]:
+    """Return name and value of three columns, where stamps repeat for several names; else nothing."""
+    stamps = [row[layout.names.index(time)] for row in rows if len(row) == 3]
+    again = sum(a == b for a, b in pairwise(stamps))
+    first, second = (name for name in layout.names if name != time)
+    columns = ([row[layout.names.index(n)] for row in rows if len(row) == 3] for n in (first, second))
+    texts = [not any(is_number(cell, layout.decimal) for cell in column) for column in columns]
+    if 3 * again < len(stamps) or len(stamps) < len(rows) or texts[0] == texts[1]:
+        return {}
+    return {"name": first, "value": second} if texts[0] else {"name": second, "value": first}
 
 
 def pivoted(path: str, form: LongForm, numbers: dict[str, Floats], texts: pd.DataFrame) -> Table:
