@@ -15,6 +15,8 @@ from pathlib import Path
 
 from harness.common.errors import UserError
 from harness.common.files import read_content, with_unix_lines
+from harness.config.bounds import out_of_bounds
+from harness.models.tyres import magic_formula_61
 
 TYRE = "magic_formula_61"
 
@@ -34,6 +36,8 @@ _UNIT_OF = {
 }
 _NEEDED = ("FNOMIN", "PCY1", "PDY1", "PKY1", "PKY2")
 """Without one of these there is no force; the signs of ``PDY1`` and ``PKY1`` are those of the axes."""
+_SMALLEST, _LARGEST = 1e-6, 1e9
+"""Of what there is no force without, and of any number in SI units: their squares are numbers."""
 _TAKEN = re.compile(
     r"P[CDEKHV]Y\d|PPY\d|PTY\d|PCFY\d|L(FZO|CY|MUY|EY|KY|KYC|KYG|GAY|SGAL)|FITTYP|" + "|".join(_UNIT_OF)
 )
@@ -68,7 +72,7 @@ class TyreFile:
         c = self.coefficients
         dp = c["pressure"] / c["nominal_pressure"] - 1
         peak = c["nominal_load"] * c["pky2"] * (1 + c["ppy2"] * dp)
-        return c["pky1"] * c["nominal_load"] * (1 + c["ppy1"] * dp) * math.sin(c["pky4"] * math.atan(load / peak))
+        return c["pky1"] * c["nominal_load"] * (1 + c["ppy1"] * dp) * math.sin(c["pky4"] * math.atan2(load, peak))
 
     def relaxation(self, load: float) -> float:
         """Return the relaxation length in m at a load of a tyre in N; 0 where the file states none.
@@ -83,7 +87,7 @@ class TyreFile:
             return self.stiffness(load) / rigid * t["LSGAL"] if rigid > 0 else 0.0
         if t["PTY1"] == 0 or t["PTY2"] == 0 or self.radius == 0:
             return 0.0
-        turned = math.sin(2 * math.atan(load / (t["PTY2"] * nominal)))
+        turned = math.sin(2 * math.atan2(load, t["PTY2"] * nominal))
         return abs(t["PTY1"] * turned * self.radius * t["LFZO"] * t["LSGAL"])
 
 
@@ -105,14 +109,19 @@ def read_tyre_file(path: Path) -> TyreFile:
     if lacking := [key for key in _NEEDED if key not in numbers]:
         raise UserError(f"{path}: no {', '.join(lacking)}: without these there is no lateral force; {_READ}")
     for key in _NEEDED:
-        if numbers[key] == 0 or (key not in ("PDY1", "PKY1") and numbers[key] < 0):
+        if abs(numbers[key]) < _SMALLEST or (key not in ("PDY1", "PKY1") and numbers[key] < 0):
             raise UserError(f"{path}: line {lines[key]}: {key} = {numbers[key]:g} cannot be; the tyre has no force")
     radius, transient = numbers.get("UNLOADED_RADIUS", 0.0), {"LFZO": 1.0, "LSGAL": 1.0}
     transient = {k: numbers.get(k, transient.get(k, 0.0)) for k in
                  ("LATERAL_STIFFNESS", "PCFY1", "PCFY2", "PCFY3", "PTY1", "PTY2", "LFZO", "LSGAL")}  # fmt: skip
     kind = f"MF 6.{int(numbers['FITTYP']) % 10}" if new else words.get("PROPERTY_FILE_FORMAT", "MF 5.2")
     loads = numbers.get("FZMIN", 0.0), numbers.get("FZMAX", math.inf)
-    return TyreFile(path, kind, _coefficients(numbers, new), loads, radius, transient)
+    coefficients = _coefficients(numbers, new)
+    for parameter in magic_formula_61.PARAMETERS:
+        wrong = out_of_bounds(parameter, coefficients.get(parameter.name, parameter.lower))
+        if wrong is not None:
+            raise UserError(f"{path}: {wrong}")
+    return TyreFile(path, kind, coefficients, loads, radius, transient)
 
 
 def _entries(path: Path) -> tuple[dict[str, str], dict[str, int]]:
@@ -169,6 +178,8 @@ def _number(text: str, where: str) -> float:
         number = math.nan
     if not math.isfinite(number) or "_" in text:
         raise UserError(f"{where}: '{text}' is no number; write it with a decimal point")
+    if abs(number) > _LARGEST:
+        raise UserError(f"{where}: {text} is larger than any coefficient of a tyre")
     return number
 
 

@@ -133,3 +133,13 @@ def test_a_truck_with_two_gyroscopes_has_one_hypothesis_that_both_drift(truck):
     assert both.random
     assert both.many
     assert still_open(both, set(both.amplitudes[:1])) is None  # the other one is a hypothesis of its own
+
+
+def test_states_of_random_processes_stand_behind_those_of_the_effects_of_the_model():
+    """The bank's state comes with the vehicle, that of a relaxing tyre only with its axle."""
+    stated = {"vehicle": "car", "parameters": "govindarajan_2018", "tyre": "linear", "effects": ["tyre_relaxation"]}
+    spec = resolve_single({**stated, "sensors": "car_series"}, "test")
+    augmented = AugmentedModel(spec, {"steering_wheel_angle", "speed", "yaw_rate", "lateral_acceleration"}, jobs=1)
+    own = len(spec.model().states)
+    assert (augmented._start_variance()[own:] > 0).all()
+    assert augmented.nx > own

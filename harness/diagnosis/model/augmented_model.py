@@ -72,6 +72,7 @@ class AugmentedModel(FilteredModel):
         self.processes = tuple(name for name in addable if _is_random(name))
         files = tuple(dict.fromkeys(split(name)[0] for name in self.placements))
         moving = assembled(spec.vehicle, spec.tyre, (*spec.effects, *self.processes), spec.sensors)
+        moving = _first(moving, spec.model().states)  # an effect of the model may have states behind those of processes
         super().__init__(
             spec, _first(_assembled(spec, (*self.processes, *files)), moving.states), jobs, jacobians=False
         )
@@ -318,6 +319,8 @@ def _of_states(effects: Floats, nx: int, count: int) -> Floats:
 def _first(model: StateSpaceModel, states: Sequence[str]) -> StateSpaceModel:
     """Return a model with some states in front of the others."""
     order = [*states, *(s for s in model.states if s not in states)]
+    if tuple(order) == model.states:
+        return model
     rates = dict(zip(model.states, model.derivatives, strict=True))
     return replace(model, states=tuple(order), derivatives=type(model.derivatives)(rates[s] for s in order))
 
