@@ -165,6 +165,19 @@ def test_a_wrong_database_says_how_many_frames_it_knows(log, tmp_path):
     assert "0x7AB" in notes[0]
 
 
+def test_candump_has_remote_and_error_frames_and_a_last_line_that_is_cut(log, tmp_path):
+    path = tmp_path / "a.log"
+    lines = ["(1.000000) can0 100#E803000000000000", "(1.010000) can0 100#R8", "(1.010000) can0 100#R", ""]
+    lines += ["(1.020000) can0 20000004#0000000000000000", "(1.030000) can0 104##3" + "00" * 64 + " R", "(1.04"]
+    path.write_text("\r\n".join(lines), encoding="utf-8")
+    read = signals(path, log[1])
+    assert read["Motion.Speed"][1].tolist() == [10.0]
+    assert (read["Wide.Behind"][0].tolist(), read["Wide.Behind"][1].tolist()) == ([1.03], [0.0])
+    path.write_text("\n".join([*lines[:2], "(1.5) can0 no frame", lines[0]]), encoding="utf-8")
+    with pytest.raises(UserError, match="no frame"):
+        readers.read_tables(path, None, [str(log[1])])
+
+
 def test_stamps_relative_to_the_line_before_are_refused(log, tmp_path):
     path = tmp_path / "relative.asc"
     path.write_text(log[2]["asc"].read_text(encoding="utf-8").replace("absolute", "relative"), encoding="utf-8")
