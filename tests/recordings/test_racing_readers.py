@@ -127,7 +127,7 @@ def test_an_info_file_of_another_run_is_refused(tmp_path, old, new, said):
         readers.read(tmp_path / "a.erg")
 
 
-def test_xrk_channels_share_a_table_where_they_share_stamps(tmp_path, monkeypatch):
+def test_xrk_channels_share_a_table_where_they_share_stamps(tmp_path, monkeypatch, capsys):
     """The file is that of a real logger and not here: libxrk's answer stands in for it."""
 
     def channel(name, stamps, values, unit):
@@ -145,12 +145,14 @@ def test_xrk_channels_share_a_table_where_they_share_stamps(tmp_path, monkeypatc
 
     def opened(content):
         given.append(content)
+        print("unknown units")  # as libxrk does
         return libxrk.LogFile(channels=channels, laps=None, metadata={}, file_name="")
 
     monkeypatch.setattr(libxrk, "aim_xrk", opened)
     (tmp_path / "a.xrz").write_bytes(zlib.compress(b"<hCNF"))
     first, second = readers.read_tables(tmp_path / "a.xrz")
     assert given == [b"<hCNF"]
+    assert capsys.readouterr().out == ""
     assert first.units == {"GPS Speed": "km/h", "Steer": "deg"}
     np.testing.assert_allclose(first.columns[first.clock], fast * 1e-3)
     np.testing.assert_allclose(second.columns["Temp"], slow)

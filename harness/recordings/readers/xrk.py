@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import zlib
 from pathlib import Path
 
@@ -37,7 +39,8 @@ def read(path: str) -> list[Table]:
             most = min(max(_MOST_UNPACKED * len(content), 64 * 2**20), MOST_BYTES)
             content = zlib.decompressobj().decompress(content, most + 1)
             refuse_beyond(path, "the file, unpacked,", len(content), most, "bytes")
-        channels = aim_xrk(content).channels
+        with contextlib.redirect_stdout(io.StringIO()):
+            channels = aim_xrk(content).channels  # prints by itself
         refuse_beyond(path, "the file", len(channels), MOST_COLUMNS, "channels")
         for name, channel in channels.items():
             values = channel.column(name)
