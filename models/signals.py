@@ -117,8 +117,14 @@ def _body_forces(body: str, index: str) -> list[Signal]:
 
 def _body_motion(body: str, owner: str) -> list[Signal]:
     """Return what a body publishes for effects; ``body`` is what is appended to the names."""
+    noise = "filtered white noise of unit intensity"
+    walks = [
+        Signal(f"unmodelled_{what}_walk{body}", symbol, "s**0.5", "s**0.5", owner, f"{noise}, {what}, {owner}")
+        for what, symbol in (("force", "b_1"), ("moment", "b_2"))
+    ]
     sideslip = [Signal(f"sideslip_angle{body}", r"\beta", "rad", "deg", owner, f"direction of motion, {owner} CoG")]
     return [
+        *walks,
         *(sideslip if body else []),  # of a vehicle of one body it is among its signals
         Signal(f"inertial_mass{body}", "m", "kg", "kg", owner, f"mass that moves as one rigid body, {owner}"),
         Signal(f"lateral_gravity{body}", "g_y", "m/s^2", "m/s^2", owner, f"gravity along the y axis, {owner}"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -90,14 +90,16 @@ class Diagnosis(Shown):
         self.repeats, self.jobs = repeats, jobs
         self._outcome: Outcome | TraceNumbers | None = None
 
-    def fit(self, model: Model, train: Any, test: Any, folder: str | Path | None = None) -> Self:
-        """Find what the model lacks.
+    def fit(self, model: Model, train: Any, test: Any, folder: str | Path | None = None, baseline: Any = ()) -> Self:
+        """Find what the model lacks, or what has changed since earlier recordings of the vehicle.
 
         Args:
             model: The nominal model. Sensors and step are those of the recordings where they are not stated, and it is
                 integrated finely.
             train: Recordings to fit: paths, DataFrames or Datasets, see ``harness.read_recording``.
             test: Held-out recordings, on which every addition has to prove itself.
+            baseline: Earlier recordings of the vehicle, two or more: the model and its discrepancy are learnt from
+                them, and what is sought is the difference.
             folder: Where ``trace.json`` and both models are written as soon as there is a verdict; nowhere by default.
 
         Returns:
@@ -114,13 +116,16 @@ class Diagnosis(Shown):
         from harness.identification.measured_file import finely, fitted_parameters
 
         fitted, held_out = recordings_of(train, "train"), recordings_of(test, "test")
-        refuse_the_same(fitted, held_out)
-        table, notes = model.completed([*fitted, *held_out])
+        earlier = recordings_of(baseline, "baseline") if len(baseline) else []
+        refuse_the_same([*fitted, *earlier], held_out)
+        refuse_the_same(earlier, fitted)
+        table, notes = model.completed([*fitted, *held_out, *earlier])
         spec = finely(table, step_of(fitted[0]), f"model '{model.vehicle}'")
         free = fitted_parameters(spec, self.free, "free")
         task = TraceTask(
             spec, fitted, held_out, free, self.estimators, self.study, self.repeats, jobs=self.jobs, notes=notes
         )
+        task = replace(task, baseline=tuple(earlier))
         if folder is None:
             self._scratch = tempfile.TemporaryDirectory(prefix="diagnosis-")  # tracebacks, and scores of the study
         where = Path(self._scratch.name if folder is None else folder)

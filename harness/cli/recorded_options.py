@@ -188,13 +188,17 @@ class MeasuredOptions:
         Raises:
             UserError: If one cannot be read.
         """
+        return self.read(self.train), self.read(self.test)
+
+    def read(self, paths: Sequence[Path]) -> list[xr.Dataset]:
+        """Return recordings with the channel map and the databases that are named.
+
+        Raises:
+            UserError: If one cannot be read.
+        """
         from harness.recordings import load_recording
 
-        fitted, held_out = (
-            [load_recording(path, self.channels, databases=self.databases or ()) for path in paths]
-            for paths in (self.train, self.test)
-        )
-        return fitted, held_out
+        return [load_recording(path, self.channels, databases=self.databases or ()) for path in paths]
 
     def of_file(self, command: str) -> tuple[MeasuredStudy, Path] | None:
         """Return the file of measured drives with the folder of its results; ``None`` without one.

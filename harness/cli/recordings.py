@@ -254,6 +254,10 @@ class TraceOptions(MeasuredOptions):
     repeats: Annotated[
         int, typer.Option("--repeats", min=1, max=MOST, help="Noise realisations of each level of that study.")
     ] = 8
+    baseline: Annotated[
+        list[Path] | None,
+        typer.Option("--baseline", help="Earlier recording of the vehicle; two or more: what changed since?"),
+    ] = None
 
     @property
     def needed(self) -> dict[str, Any]:
@@ -278,7 +282,8 @@ def trace(task: TraceOptions) -> None:
     estimators = None if task.estimators is None else listed(task.estimators)
     diagnosis = Diagnosis(listed(task.free or []), estimators, study, task.repeats, task.jobs)
     train, test = task.drives()
-    diagnosis.fit(model_of(task.model), train, test, task.out)
+    baseline = task.read(task.baseline or [])
+    diagnosis.fit(model_of(task.model), train, test, task.out, baseline)
     with showing(Console(stderr=True), "writing the report"):
         written = diagnosis.report(task.out, command())
     return printed(diagnosis.answer_, written)

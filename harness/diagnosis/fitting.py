@@ -26,6 +26,7 @@ from harness.common import places, sources
 from harness.common.arrays import Floats, Mask
 from harness.common.errors import UserError
 from harness.common.files import refuse_damaged
+from harness.diagnosis.criteria import BLOCK
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.identification.coordinates import (
     Coordinate,
@@ -39,6 +40,9 @@ from harness.identification.fisher_scoring import Maximum, maximise
 from harness.identification.objective import Driveable, LogPosterior
 from harness.identification.signal_noise import signal_noise
 from harness.identification.uncertainty import covariance_of
+
+_LAGS = 3
+"""Blocks behind a block with which its score may be correlated."""
 
 ENOUGH = 0.3
 """Predicted gain in log-likelihood at which a fit ends; what is accepted gains dozens."""
@@ -202,7 +206,8 @@ class Fitting:
         """Fit some parameters and leave the noise as it is; to where a step gains but a share of all before it."""
 
         def search(objective: LogPosterior, z: Floats, parameters: Mask) -> tuple[Maximum, bool]:
-            maximum = maximise(objective, z, parameters, iterations, ENOUGH, ENOUGH, share)
+            moved = parameters | objective.coordinates.kind("intensity")  # which is no noise of a sensor
+            maximum = maximise(objective, z, moved, iterations, ENOUGH, ENOUGH, share, variances=~parameters)
             return maximum, maximum.predicted < ENOUGH
 
         return self._driveable(coordinates, start, search)
@@ -256,7 +261,8 @@ class Fitting:
             for c in coordinates
         ]  # a change time lies within its drive
         base = [replace(self._first, values=start.values[:, [i]]) for i in self._range]
-        space = Coordinates(self.augmented.spec, self.augmented.names, (*moved, *self._noise), base)
+        every = (*moved, *self._noise)
+        space = Coordinates(self.augmented.spec, self.augmented.names, every, base, self.augmented.joint_prior(every))
         z = np.array([c.coordinate(max(start.value(c), least_of(c))) for c in coordinates])
         z = np.clip(np.concatenate([z, start.process, start.measurement]), space.lower, space.upper)
         return LogPosterior(self.augmented, self.drives, space), z, space.kind("parameter")
@@ -277,6 +283,23 @@ class Fitting:
         """
         objective, z, parameters = self._objective(fitted.coordinates, fitted.point)
         return objective.slopes(z, parameters)[2]
+
+    def score_covariance(self, fitted: FittedHypothesis) -> Floats:
+        """Return the covariance of the score of the parameters that a fit moved, by blocks of the drives ``(n, n)``.
+
+        Scores are summed over blocks, of which neighbours may be correlated (Newey and West 1987). Of a model that is
+        right it is the Fisher information; of one that is not, what the blocks say differs by more than their noise
+        (Huber 1967; White 1982).
+        """
+        moved = [c for c in fitted.coordinates if c.kind == "parameter"]
+        runs, total = self.runs(fitted.point), np.zeros((len(moved), len(moved)))
+        for drive, X, run in zip(self.drives, self.columns(moved, fitted.point), runs, strict=True):
+            scores = (X * np.nan_to_num(run.whitened).reshape(-1, 1)).reshape(len(drive.time), -1, len(moved)).sum(1)
+            blocks = block_sums(scores, drive.time)
+            for lag in range(min(_LAGS + 1, len(blocks))):
+                product = blocks[lag:].T @ blocks[: len(blocks) - lag]
+                total += product if lag == 0 else (1 - lag / (_LAGS + 1)) * (product + product.T)
+        return total
 
     def columns(self, coordinates: Sequence[Coordinate], point: ParameterPoint) -> list[Floats]:
         """Return the derivatives of each drive's whitened innovations to the coordinates ``(samples * ny, n)``."""
@@ -307,6 +330,15 @@ def in_rows(columns: Floats) -> Floats:
     """Return columns ``(samples, ny, n)`` as ``(samples * ny, n)``."""
     samples, ny, n = columns.shape
     return columns.reshape(samples * ny, n)
+
+
+def block_sums(values: Floats, time: Floats) -> Floats:
+    """Return sums over blocks ``(blocks, n)`` of values at samples ``(samples, n)``; a short rest goes to the last."""
+    count = max(1, round((time[-1] - time[0]) / BLOCK))
+    number = np.minimum(((time - time[0]) / BLOCK).astype(int), count - 1)
+    sums = np.zeros((count, values.shape[1]))
+    np.add.at(sums, number, values)
+    return sums
 
 
 def moved_to(point: ParameterPoint, drives: int) -> ParameterPoint:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -15,18 +13,16 @@ from harness.common.files import json_text, write_files
 from harness.common.places import inside
 from harness.common.stages import showing
 from harness.config import ModelSpec
-from harness.diagnosis.model.hypotheses import ALL_PARAMETERS
 from harness.diagnosis.report.report import report
-from harness.diagnosis.result.answer import gap
+from harness.diagnosis.result.changes import record_of_changes
 from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.result.study_gain import REPEATS
-from harness.diagnosis.run import TraceTask, run_changes, run_trace
-from harness.diagnosis.selection.parameter_changes import Changes, ParameterChange
+from harness.diagnosis.run import TraceTask, run_trace
 from harness.identification.filtered_model import Candidates
 from harness.identification.measured_file import MeasuredStudy
 from harness.identification.report import spans_sheet
 from harness.identification.result import judged_on
-from harness.models.quantities import capital, print_unit, quantity, words
+from harness.models.quantities import quantity
 from harness.reporting import style
 from harness.reporting.document import Block, Prose, Section, Sheet, plain
 
@@ -38,7 +34,7 @@ def trace_study(
 ) -> list[str]:
     """Trace what the model lacks in the drives of a file, write the results and return the answers in sentences.
 
-    Changed drives are traced again from the amended model; their answer follows the question that the file asks.
+    What changed in the changed drives since all others follows the question that the file asks.
 
     Args:
         study: The file.
@@ -55,7 +51,7 @@ def trace_study(
     if study.raw.changed is not None:
         answers += [
             study.raw.changed.question,
-            _changed(study, outcome.amended, drives, inside(folder, "changed"), jobs, console),
+            _changed(study, study.nominal(), drives, inside(folder, "changed"), jobs, console),
         ]
     return answers
 
@@ -90,24 +86,15 @@ def _changed(
     jobs: int | None,
     console: Console,
 ) -> str:
-    """Find which parameter changed in the changed drives, and trace what else is missing there; write the results."""
+    """Find what changed since the drives of the file in its changed drives; write the results."""
     assert study.raw.changed is not None
-    task = _task(study, spec, drives, "changed.", jobs)
-    changes = run_changes(task, console)
-    if (change := changes.change) is not None:
-        values = {**spec.values, change.parameter.name: change.value}
-        task = replace(task, spec=replace(spec, values=values), free=(change.parameter.name,))
+    earlier = (*drives["train"], *drives["test"])
+    task = replace(_task(study, spec, drives, "changed.", jobs), free=study.fitted_parameters(), baseline=earlier)
     outcome = run_trace(task, folder, console)
-    write_files(folder, {"changed.json": json_text(record_of_changes(changes))})
-    answer = outcome.failures.attempt(
-        "the answer to what changed", lambda: answer_of_changes(changes, outcome, spec), lambda _: outcome.answer
-    )
-    evidence = [
-        Section(lambda: [_table_of_changes(changes)], "Which parameter changed?", headed=False),
-        Section(lambda: _about(study, "changed."), "Which drives?", headed=False),
-    ]
-    _write(study, outcome, spec, study.raw.changed.question, evidence, folder, console, answer)
-    return answer
+    write_files(folder, {"changed.json": json_text(record_of_changes(outcome))})
+    evidence = [Section(lambda: _about(study, "changed."), "Which drives?", headed=False)]
+    _write(study, outcome, spec, study.raw.changed.question, evidence, folder, console)
+    return outcome.answer
 
 
 def _task(
@@ -136,9 +123,8 @@ def _write(
     evidence: list[Section],
     folder: Path,
     console: Console,
-    answer: str = "",
 ) -> None:
-    """Write ``loop.json`` and the report, with an answer before that of the trace and further evidence behind it."""
+    """Write ``loop.json`` and the report, with further evidence."""
     with showing(console, "writing the report"):
         errors = outcome.failures.attempt(
             "loop.json, the error of each model on the held-out drives", lambda: held_out(outcome, stated), lambda _: {}
@@ -147,7 +133,7 @@ def _write(
         table = Section(
             lambda: [_errors(errors)] if errors else [], "How large is the error on each held-out drive?", headed=False
         )
-        made = report(outcome, f"harness trace {study.path}", title, answer, [table, *evidence])
+        made = report(outcome, f"harness trace {study.path}", title, [table, *evidence])
         made.write(folder, failures=outcome.failures)
 
 
@@ -212,90 +198,3 @@ def _errors(errors: Errors) -> Block:
         "as it was before."
     )
     return Sheet(header, rows, caption, left=3)
-
-
-_SHOWN = 8
-"""Parameters in the table."""
-
-
-def answer_of_changes(changes: Changes, outcome: Outcome, before: ModelSpec) -> str:
-    """Return what changed, in sentences.
-
-    Args:
-        changes: Every parameter, refitted alone.
-        outcome: What was traced from the model with the likeliest of them.
-        before: The model as it was before the change.
-    """
-    change, added = changes.change, outcome.trace.added
-    if change is None and not added:
-        return outcome.answer
-    sentences = []
-    if change is not None:
-        sentences = [
-            _sentence(change.parameter.name, change.stated, change.value, change.std, change.parameter.unit),
-            f"Of all single parameters it explains these drives best.{gap(changes.before, change.held_out)}",
-        ]
-    for h in added:
-        if h.name == ALL_PARAMETERS:
-            sentences.append("Further parameters changed, which these drives cannot distinguish.")
-        elif h.kind == "effect":
-            sentences.append(f"{_capital(h.name.replace('@', ' of '))} was added.")
-        else:
-            v = outcome.values[h.name][0]
-            sentences.append(_sentence(h.name, before.values[h.name], v.value, v.std, v.unit))
-    return " ".join(sentences)
-
-
-def _capital(name: str) -> str:
-    text = words(name)
-    return capital(text)
-
-
-def _sentence(name: str, was: float, now: float, spread: float, unit: str) -> str:
-    unit = f" {print_unit(unit)}".rstrip()
-    return f"{_capital(name)} changed from {style.number(was)} to {style.uncertain(now, spread)}{unit}."
-
-
-def _table_of_changes(changes: Changes) -> Sheet:
-    """Return the parameters as a table, the likeliest change first."""
-    header = ["parameter", "unit", "before", "now", "std. error", "gain in BIC", "held-out excess"]
-    caption = (
-        "Every parameter refitted alone, the likeliest first. Held-out excess: mean square of the simulation "
-        "error over the variance of the sensor noise, less one, summed over the outputs; "
-        f"{style.number(changes.before.normalised_excess_mse)} as it was before. "
-        "The trace starts from the first if that meets the "
-        "criteria of an addition, otherwise from the model as it was before."
-    )
-    return Sheet(header, [_row(c) for c in changes.tried[:_SHOWN]], caption, left=2)
-
-
-def _row(c: ParameterChange) -> list[str]:
-    numbers = (c.stated, c.value, c.std)
-    shown = [style.number(n) for n in numbers]
-    normalised_excess_mse = (
-        style.number(c.held_out.normalised_excess_mse)
-        if math.isfinite(c.held_out.normalised_excess_mse)
-        else "leaves its range"
-    )
-    return [words(c.parameter.name), print_unit(c.parameter.unit), *shown, f"{c.bic:.0f}", normalised_excess_mse]
-
-
-def record_of_changes(changes: Changes) -> dict[str, Any]:
-    """Return the content of ``changed.json`` in SI units."""
-    return {
-        "found": changes.change.parameter.name if changes.change else None,
-        "held_out_excess_before": changes.before.normalised_excess_mse,
-        "tried": [
-            {
-                "name": c.parameter.name,
-                "unit": c.parameter.unit,
-                "stated": c.stated,
-                "value": c.value,
-                "std": c.std,
-                "bic_gain": c.bic,
-                "held_out_log_likelihood": c.held_out.log_likelihood,
-                "held_out_excess": c.held_out.normalised_excess_mse,
-            }
-            for c in changes.tried
-        ],
-    }

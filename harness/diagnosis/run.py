@@ -29,12 +29,14 @@ from harness.diagnosis.criteria import ROUNDS
 from harness.diagnosis.fitting import KeptFits
 from harness.diagnosis.gain_ranges import gain_ranges
 from harness.diagnosis.model.augmented_model import AugmentedModel
+from harness.diagnosis.model.hypotheses import random_processes
+from harness.diagnosis.result.changes import since
 from harness.diagnosis.result.estimator_gain import EstimatorErrors, compile_estimators, estimators_on
 from harness.diagnosis.result.outcome import Outcome, outcome_of
 from harness.diagnosis.result.record import write_outcome
 from harness.diagnosis.result.study_gain import REPEATS, StudyGain, refuse_study, study_gain
+from harness.diagnosis.selection.baseline import learnt, of_roads
 from harness.diagnosis.selection.forward_selection import trace
-from harness.diagnosis.selection.parameter_changes import Changes, single_changes
 from harness.identification.data import DriveData, measurements_of, steered
 from harness.identification.measured_file import SHORTEST, names_of, refuse_repeated
 from harness.recordings.check.examine import recording_warnings
@@ -164,6 +166,7 @@ class TraceTask:
         stated_noise: Whether the noise is held as stated.
         jobs: Threads; all cores by default.
         notes: What else the report has to say about the recordings.
+        baseline: Earlier recordings of the same vehicle, two or more: what is sought is what changed since.
     """
 
     spec: ModelSpec
@@ -178,6 +181,12 @@ class TraceTask:
     stated_noise: bool = False
     jobs: int | None = None
     notes: tuple[str, ...] = ()
+    baseline: tuple[xr.Dataset, ...] = ()
+
+    @property
+    def recordings(self) -> list[xr.Dataset]:
+        """All recordings, those of the baseline last."""
+        return [*self.train, *self.test, *self.baseline]
 
 
 def run_trace(task: TraceTask, folder: Path, console: Console, augmented: AugmentedModel | None = None) -> Outcome:
@@ -196,7 +205,9 @@ def run_trace(task: TraceTask, folder: Path, console: Console, augmented: Augmen
     Raises:
         UserError, ModelError: If recordings, model or study do not fit each other, or the folder cannot be written to.
     """
-    recordings = task.train + task.test
+    recordings = task.recordings
+    if len(task.baseline) == 1:
+        raise UserError("baseline: one recording cannot be fitted and judged; state two or more")
     refuse_repeated(task.estimators, "estimators")
     refuse_recordings(recordings, task.spec)
     if task.study is not None:
@@ -210,7 +221,8 @@ def run_trace(task: TraceTask, folder: Path, console: Console, augmented: Augmen
     try:
         with threadpool_limits(1), progress(console) as say:
             augmented = (augmented or augmented_model_of(task)).within(gain_ranges(recordings))
-            outcome = replace(_searched(task, augmented, say, failures, kept), notes=notes)
+            outcome = _since(task, augmented, say, failures, kept) if task.baseline else None
+            outcome = replace(outcome or _searched(task, augmented, say, failures, kept), notes=notes)
             write_outcome(outcome, folder)
             _compile(task, outcome, say)
             for kind in task.estimators:
@@ -252,23 +264,39 @@ def _searched(
     return outcome_of(result, say, failures)
 
 
+def _since(
+    task: TraceTask,
+    augmented: AugmentedModel,
+    say: Callable[[str], None],
+    failures: Failures,
+    kept: KeptFits,
+) -> Outcome:
+    """Return what changed since the baseline of a task."""
+    recordings = list(task.baseline)
+    named = zip(recordings, names_of(recordings), strict=True)
+    earlier = augmented.share(lambda arguments: augmented.drive(*arguments), named)
+    baseline = learnt(augmented, earlier, task.free, task.stated_noise, say, kept)
+    fitted, held_out = drives_of(task, baseline.augmented)
+    result = trace(
+        baseline.augmented,
+        fitted,
+        held_out,
+        of_roads(augmented),
+        say,
+        rounds=task.rounds,
+        stated_noise=task.stated_noise,
+        failures=failures,
+        kept=kept,
+        always=random_processes(augmented),
+    )
+    known = tuple(h for h in baseline.added if h.kind == "effect")
+    return since(outcome_of(replace(result, known=known), say, failures), baseline)
+
+
 def augmented_model_of(task: TraceTask) -> AugmentedModel:
     """Return the model of a task with everything that its recordings could show, compiled."""
-    signals = set.intersection(*({str(v) for v in r} for r in task.train + task.test))
+    signals = set.intersection(*({str(v) for v in r} for r in task.recordings))
     return AugmentedModel(task.spec, signals, task.jobs, task.excluded)
-
-
-def run_changes(task: TraceTask, console: Console) -> Changes:
-    """Refit every parameter of the model of a task alone.
-
-    Raises:
-        UserError, ModelError: If recordings and model do not fit each other.
-    """
-    refuse_recordings(task.train + task.test, task.spec)
-    with threadpool_limits(1), progress(console) as say:
-        augmented = augmented_model_of(task)
-        fitted, held_out = drives_of(task, augmented)
-        return single_changes(augmented, fitted, held_out, task.stated_noise, say)
 
 
 def drives_of(task: TraceTask, augmented: AugmentedModel) -> tuple[list[DriveData], list[DriveData]]:

@@ -57,6 +57,7 @@ class Coordinate:
         drives: The only drives in which it acts, by number; empty if it acts in all.
         stated_std: Standard deviation that is stated of it before the recordings; infinite if none is.
         quantisation: Of the variance of an output, the part that the resolution of its signal makes.
+        held: Whether it has a prior together with others, as ``Coordinates`` takes it.
     """
 
     name: str
@@ -72,6 +73,7 @@ class Coordinate:
     drives: tuple[int, ...] = ()
     stated_std: float = math.inf
     quantisation: float = 0.0
+    held: bool = False
 
     def acts_in(self, drive: int) -> bool:
         """Whether it moves anything in a drive."""
@@ -108,6 +110,8 @@ class Coordinates:
         names: Parameters in the order of the rows of ``base``.
         coordinates: What moves.
         base: The candidate about which it moves, one for all drives or one for each drive.
+        joint: Inverse covariance of a prior of several about ``centre`` ``(n, n)``, besides those of each; none by
+            default.
 
     Attributes:
         centre: First value of each coordinate ``(n,)``.
@@ -117,8 +121,14 @@ class Coordinates:
     """
 
     def __init__(
-        self, spec: ModelSpec, names: Sequence[str], coordinates: Sequence[Coordinate], base: Sequence[Candidates]
+        self,
+        spec: ModelSpec,
+        names: Sequence[str],
+        coordinates: Sequence[Coordinate],
+        base: Sequence[Candidates],
+        joint: Floats | None = None,
     ) -> None:
+        self.joint = joint
         self.spec, self.names, self.coordinates, self._base = spec, tuple(names), tuple(coordinates), tuple(base)
         self.centre, self.lower, self.upper = (
             np.array([getattr(c, name) for c in self.coordinates]) for name in ("centre", "lower", "upper")
@@ -211,7 +221,19 @@ class Coordinates:
 
     def penalty(self, z: Floats) -> Floats:
         """Return what the priors take from the log-likelihood of candidates ``z (n,)`` or ``(n, candidates)``."""
-        return np.asarray(0.5 * self.weight @ (z.T - self.centre).T ** 2)
+        away = (z.T - self.centre).T
+        penalty = np.asarray(0.5 * self.weight @ away**2)
+        return penalty if self.joint is None else penalty + 0.5 * np.sum(away * (self.joint @ away), axis=0)
+
+    def pull(self, z: Floats) -> Floats:
+        """Return the derivative of the penalty at a candidate ``(n,)``."""
+        pull = self.weight * (z - self.centre)
+        return pull if self.joint is None else pull + self.joint @ (z - self.centre)
+
+    def precision(self, chosen: Mask) -> Floats:
+        """Return the second derivative of the penalty to the chosen coordinates."""
+        own = np.diag(self.weight[chosen])
+        return own if self.joint is None else own + self.joint[np.ix_(chosen, chosen)]
 
     def possible(self, z: Floats) -> bool:
         """Whether the values of a candidate ``(n,)`` are possible together, as the vehicle file says."""

@@ -168,5 +168,5 @@ class LogPosterior:
         slopes = self.model.slopes(self.drives, points, [space.directions(z, moved, i) for i in numbers])
         value = slopes.log_likelihood - float(space.penalty(z))
         self.history.append(value)
-        gradient = slopes.gradient - (space.weight * (z - space.centre))[moved]
-        return value, gradient, slopes.information + np.diag(space.weight[moved])
+        gradient = slopes.gradient - space.pull(z)[moved]
+        return value, gradient, slopes.information + space.precision(moved)

@@ -68,7 +68,7 @@ def test_what_acts_like_the_best_is_fitted_too_where_that_leaves_something():
         return SimpleNamespace(hypothesis=Hypothesis(name, "effect", ()), response=(np.array(response),), excited=True)
 
     def winner(normalised_excess_mse):
-        held_out = SimpleNamespace(normalised_excess_mse=normalised_excess_mse, log_likelihood=10.0)
+        held_out = SimpleNamespace(normalised_excess_mse=normalised_excess_mse, log_likelihood=10.0, discrepancy=False)
         return SimpleNamespace(score=length, hypothesis=length.hypothesis, held_out=held_out, bic=2800.0)
 
     length, inertia, mass = score("length", 1.0, 0.0), score("inertia", -1.0, 0.02), score("mass", 1.0, 1.0)
@@ -87,6 +87,7 @@ def test_coloured_innovations_are_no_amendment_whatever_was_named():
     plain = SimpleNamespace(coordinates=())
     last = SimpleNamespace(added=None, candidates=())
     named = SimpleNamespace(
+        discrepancy=(),
         effects=("crosswind",),
         rounds=(last,),
         after=SimpleNamespace(normalised_excess_mse=0.01),
@@ -97,6 +98,7 @@ def test_coloured_innovations_are_no_amendment_whatever_was_named():
     nothing = SimpleNamespace(unmodelled=None, random_process=None)
     assert [verdict_of(named, nothing, coloured) for coloured in (False, True)] == ["amended", "unresolved"]
     without = SimpleNamespace(
+        discrepancy=(),
         effects=(),
         rounds=(last,),
         after=SimpleNamespace(normalised_excess_mse=0.01),
@@ -109,7 +111,9 @@ def test_coloured_innovations_are_no_amendment_whatever_was_named():
 
 def test_an_effect_that_leaves_the_error_to_another_one_is_hopeful():
     def candidate(name, bic, normalised_excess_mse, likelihood=5000.0):
-        held_out = SimpleNamespace(normalised_excess_mse=normalised_excess_mse, log_likelihood=likelihood)
+        held_out = SimpleNamespace(
+            normalised_excess_mse=normalised_excess_mse, log_likelihood=likelihood, discrepancy=False
+        )
         score = SimpleNamespace(response=(np.ones(1),), excited=True)
         return SimpleNamespace(
             hypothesis=Hypothesis(name, "effect", ()),
@@ -384,6 +388,7 @@ def test_a_hundredth_of_the_first_error_is_nothing_that_is_missing():
     def named(before, after):
         judged = [Judgement(0.0, np.zeros(1), np.array([excess]), (), None) for excess in (before, after)]
         return SimpleNamespace(
+            discrepancy=(),
             effects=("lifted_axle",),
             rounds=(failed,),
             before=judged[0],

@@ -77,7 +77,9 @@ def test_an_interrupt_says_what_is_kept_and_that_the_same_command_goes_on(tmp_pa
     monkeypatch.setattr(run, "_searched", interrupted)
     said = io.StringIO()
     spec = SimpleNamespace(model=lambda: None)
-    task = SimpleNamespace(train=[], test=[], spec=spec, estimators=(), study=None, notes=())
+    task = SimpleNamespace(
+        train=[], test=[], recordings=[], baseline=(), spec=spec, estimators=(), study=None, notes=()
+    )
     with pytest.raises(KeyboardInterrupt):
         run.run_trace(task, tmp_path, Console(file=said, width=300), SimpleNamespace(within=lambda _: None))
     text = said.getvalue()

@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from scipy.stats import chi2, multivariate_normal
 
 from harness.diagnosis.criteria import PRIORS
-from harness.diagnosis.fitting import FittedHypothesis, Fitting, ParameterPoint
+from harness.diagnosis.fitting import FittedHypothesis, Fitting, ParameterPoint, block_sums
 from harness.diagnosis.innovations.prediction import Ahead, Prediction
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, coordinates, hypotheses
 from harness.diagnosis.selection import posterior as p
@@ -87,11 +87,11 @@ def test_the_interval_of_a_difference_covers():
 
 def test_blocks_hold_every_sample_once():
     time = 0.01 * np.arange(1, 12_400)
-    found = p.blocks_of(np.ones((len(time), 2)), time)
+    found = block_sums(np.ones((len(time), 2)), time)
     assert found.shape == (25, 2)
     assert found.sum(axis=0) == pytest.approx(len(time))
     assert found[:-1] == pytest.approx(500, abs=1)
-    assert len(p.blocks_of(np.ones((3, 1)), time[:3])) == 1
+    assert len(block_sums(np.ones((3, 1)), time[:3])) == 1
 
 
 def test_how_soon_a_model_forgets_the_first_state_is_no_evidence():
@@ -398,7 +398,7 @@ def test_what_none_of_the_models_can_be_driven_at_says_nothing():
     blocks[0, :, 0], blocks[1, :, 0], blocks[2, :, 0] = 1.0, 2.0, 3.0
     blocks[:, 2, 2] = -np.inf
     blocks[2, 1, 1] = -np.inf
-    found = p.shared_horizons(blocks)
+    found = p.shared_horizons(blocks, np.ones(blocks.shape[2]))
     assert found[:2] == pytest.approx(np.array([[0.5] * 4, [1.0] * 4]))
     assert not np.isfinite(found[2]).all()
-    assert p.shared_horizons(blocks[2:]) == pytest.approx(np.full((1, 4), 3.0))
+    assert p.shared_horizons(blocks[2:], np.ones(blocks.shape[2])) == pytest.approx(np.full((1, 4), 3.0))

@@ -76,7 +76,7 @@ def test_several_processes_are_fitted_in_place_of_each_where_they_lead(monkeypat
     monkeypatch.setattr(rounds, "log_odds", lambda _: odds)
     monkeypatch.setattr(rounds, "objections", lambda c, before: ["worse"] if refused else [])
     fitting = SimpleNamespace(noise_held=False)
-    candidate_fits = SimpleNamespace(fitting=fitting, augmented=None, free=(), refuted=set(), say=lambda _: None)
+    candidate_fits = SimpleNamespace(fitting=fitting, augmented=None, free=(), refuted=set(), always=(), say=print)
     candidate_fits.scores_at = lambda *_: tried
     one = rounds.SelectionRound(candidate_fits, (), [SimpleNamespace(point=None)], 1)
     monkeypatch.setattr(one, "fit", lambda scores: asked.extend(s.hypothesis.name for s in scores))

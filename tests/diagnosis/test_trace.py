@@ -142,7 +142,13 @@ def test_many_parameters_that_nobody_would_state_so_wrongly_are_not_believed(aug
     def verdict(**factors):
         after, last = SimpleNamespace(normalised_excess_mse=0.01), SimpleNamespace(added=None, candidates=())
         trace = SimpleNamespace(
-            effects=(), rounds=(last,), after=after, final=fit(many, **factors), cut_short="", added=(many,)
+            discrepancy=(),
+            effects=(),
+            rounds=(last,),
+            after=after,
+            final=fit(many, **factors),
+            cut_short="",
+            added=(many,),
         )
         return verdict_of(trace, SimpleNamespace(unmodelled=None, random_process=None), coloured=False)
 

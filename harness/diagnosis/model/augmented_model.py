@@ -11,7 +11,7 @@ import copy
 import functools
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from threading import Lock
 
 import numpy as np
@@ -27,12 +27,13 @@ from harness.diagnosis.model import time_loops
 from harness.diagnosis.model.noise_slopes import NoiseSlopes
 from harness.engine.compile import compile_model, load_source, paste
 from harness.engine.simd.lanes import LANES
+from harness.identification.coordinates import Coordinate
 from harness.identification.data import DriveData
 from harness.identification.filtered_model import Candidates, Each, FilteredModel, FilterRun, Slopes, for_each
 from harness.identification.measured_inputs import Between
 from harness.models.assembly.assemble import StateSpaceModel, assemble
 from harness.models.assembly.candidates import assembled, placements
-from harness.models.assembly.placement import load_effect, parameter_at, split
+from harness.models.assembly.placement import load_effect, parameter_at, split, suffix
 from harness.models.assembly.plan import planner
 from harness.models.roles import VEHICLES
 from harness.models.signals import SIGNALS
@@ -41,6 +42,32 @@ from harness.runner.contract import Held
 _HALVINGS = 30
 """Of the way to a value that is impossible together with others."""
 
+UNMODELLED = "unmodelled_force"
+"""Effect that stands for what no equation of a model holds; no hypothesis, but a part of every model."""
+
+MEMORY = "unmodelled_memory"
+"""Its correlation time."""
+
+
+@dataclass(frozen=True)
+class HeldParameters:
+    """What other drives of the vehicle say of its parameters.
+
+    Attributes:
+        names: Of the parameters.
+        covariance: Of their estimates, in SI units ``(n, n)``.
+    """
+
+    names: tuple[str, ...] = ()
+    covariance: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def precision(self, chosen: Sequence[str]) -> Floats:
+        """Return the inverse covariance of some of them, whatever the others are ``(chosen, chosen)``."""
+        rows = [self.names.index(n) for n in chosen]
+        own = self.covariance[np.ix_(rows, rows)]
+        scale = np.sqrt(np.diagonal(own))
+        return np.asarray(np.linalg.pinv(own / np.outer(scale, scale), 1e-12, hermitian=True) / np.outer(scale, scale))
+
 
 class AugmentedModel(FilteredModel):
     """The compiled filter of a nominal model and everything it may lack.
@@ -48,7 +75,7 @@ class AugmentedModel(FilteredModel):
     Covariance and gains are those of the nominal model's extended Kalman filter, the mean is that of all effects too.
     What is absent costs nothing: the kernels skip the effects that are neutral. The bias of a gyroscope may drift, and
     the bank of the road may vary: if a candidate says so of any, the state of the filter holds all of these processes,
-    behind that of the nominal model.
+    behind that of the nominal model; and if it allows for a discrepancy of the model, those of that behind them.
 
     Args:
         spec: The nominal model.
@@ -59,8 +86,10 @@ class AugmentedModel(FilteredModel):
     Attributes:
         placements: Every effect at every place that may be lacking.
         processes: The random processes among them, which are in none of the placements.
+        discrepancy: The random processes that stand for the discrepancy of the model, which are in neither.
         ranges: From where to where parameters are possible by what was measured besides, see ``gain_ranges``; others
             are possible where they are declared to be.
+        held: What other drives say of parameters; a fit moves them about that. Nothing by default.
     """
 
     def __init__(
@@ -69,22 +98,26 @@ class AugmentedModel(FilteredModel):
         self.excluded = frozenset(excluded)
         addable = addable_effects(spec, set(available), self.excluded)
         self.placements = tuple(name for name in addable if not _is_random(name))
-        self.processes = tuple(name for name in addable if _is_random(name))
+        self.discrepancy = tuple(name for name in addable if split(name)[0] == UNMODELLED)
+        self.processes = tuple(name for name in addable if _is_random(name) and name not in self.discrepancy)
         files = tuple(dict.fromkeys(split(name)[0] for name in self.placements))
-        moving = assembled(spec.vehicle, spec.tyre, (*spec.effects, *self.processes), spec.sensors)
-        moving = _first(moving, spec.model().states)  # an effect of the model may have states behind those of processes
-        super().__init__(
-            spec, _first(_assembled(spec, (*self.processes, *files)), moving.states), jobs, jacobians=False
+        random = (*self.processes, *self.discrepancy)
+        moving, disturbed = (
+            assembled(spec.vehicle, spec.tyre, (*spec.effects, *names), spec.sensors)
+            for names in (self.processes, random)
         )
+        moving = _first(moving, spec.model().states)  # an effect of the model may have states behind those of processes
+        disturbed = _first(disturbed, moving.states)
+        super().__init__(spec, _first(_assembled(spec, (*random, *files)), disturbed.states), jobs, jacobians=False)
         self.ranges: Mapping[str, tuple[float, float]] = {}
+        self.held = HeldParameters()
+        self._restated: Floats | None = None
         self._stated_std = set_std(spec)
         self._limited = np.flatnonzero(np.isfinite(self._limits))
-        self._intensities = {
-            self.row(_intensity(name)): state
-            for name, state in zip(self.processes, moving.states[len(self.nominal.states) :], strict=True)
-        }
-        self._moving = moving
-        self._filters = {False: _Filter(self, self.nominal)}
+        scales = {s: i for name in random for s, i in zip(_states(name, disturbed), intensities(name), strict=True)}
+        self._intensities = {self.row(scales[s]): s for s in disturbed.states[len(self.nominal.states) :]}
+        self._filtered = (self.nominal, moving, disturbed)
+        self._filters = {0: _Filter(self, self.nominal)}
         self._compiling = Lock()  # candidates are fitted in threads
 
     def within(self, ranges: Mapping[str, tuple[float, float]]) -> AugmentedModel:
@@ -92,6 +125,29 @@ class AugmentedModel(FilteredModel):
         held = copy.copy(self)
         held.ranges = dict(ranges)
         return held
+
+    def restated(self, spec: ModelSpec, values: Floats, held: HeldParameters) -> AugmentedModel:
+        """Return the same model, compiled already, as other drives of the vehicle showed it.
+
+        Args:
+            spec: The nominal model with its values and noise there.
+            values: All parameters ``(np,)``, with the effects that were there.
+            held: What is known of them.
+        """
+        other = copy.copy(self)
+        other.spec, other._restated, other.held = spec, values.copy(), held
+        return other
+
+    def joint_prior(self, coordinates: Sequence[Coordinate]) -> Floats | None:
+        """Return the inverse covariance of the prior of coordinates that other drives showed together ``(n, n)``."""
+        rows = [i for i, c in enumerate(coordinates) if c.held]
+        if not rows:
+            return None
+        chosen, stated = [coordinates[i] for i in rows], self.stated()
+        slopes = np.array([c.slope(c.coordinate(float(stated[c.rows[0]]))) for c in chosen])
+        joint = np.zeros((len(coordinates), len(coordinates)))
+        joint[np.ix_(rows, rows)] = self.held.precision([c.name for c in chosen]) * np.outer(slopes, slopes)
+        return joint
 
     def bounds(self, name: str) -> tuple[float, float]:
         """Return from where to where a parameter is possible by itself; what the model states always is."""
@@ -104,18 +160,18 @@ class AugmentedModel(FilteredModel):
     @property
     def nx(self) -> int:
         """Number of states that the filter corrects where there is a random process."""
-        return len(self._moving.states)
+        return len(self._filtered[-1].states)
 
     def corrected(self, values: Floats) -> int:
         """Return the number of states that the filter corrects with parameters ``(np, ...)``."""
-        return len((self._moving if self._moves_in(values) else self.nominal).states)
+        return len(self._filtered[self._level(values)].states)
 
     def wander(self, drive: DriveData, values: Floats) -> Floats:
         """Return the variance that random processes give the outputs of a free run ``(samples, ny)``.
 
         It is that of a filter that sees no measurement and knows of nothing else that is uncertain.
         """
-        if not self._moves_in(values):
+        if not self._level(values):
             return np.zeros(drive.measurements.shape)
         nominal = len(self.nominal.states)
         stated = Candidates.of(self.spec)
@@ -130,23 +186,31 @@ class AugmentedModel(FilteredModel):
         variance[0] = variance[1]
         return variance
 
-    def _moves_in(self, values: Floats) -> bool:
-        return any(np.any(values[row] != 0) for row in self._intensities)
+    def is_disturbed(self, values: Floats) -> bool:
+        """Whether parameters ``(np, ...)`` allow for a discrepancy of the model."""
+        return any(np.any(values[self.row(n)] != 0) for name in self.discrepancy for n in intensities(name))
+
+    def _level(self, values: Floats) -> int:
+        """Return which filter candidates need: of the nominal model, with processes, or with its discrepancy too."""
+        states = [s for row, s in self._intensities.items() if np.any(values[row] != 0)]
+        return next(i for i, model in enumerate(self._filtered) if set(states) <= set(model.states))
 
     def _filter_of(self, values: Floats) -> _Filter:
         """Return the filter for candidates; that of random processes is compiled for the first one."""
-        moves = self._moves_in(values)
+        level = self._level(values)
         with self._compiling:
-            if moves not in self._filters:
-                self._filters[moves] = _Filter(self, self._moving)
-            return self._filters[moves]
+            if level not in self._filters:
+                self._filters[level] = _Filter(self, self._filtered[level])
+            return self._filters[level]
 
     def _start_variance(self) -> Floats:
-        first = [self._moving.start_variance[state] for state in self._intensities.values()]
+        first = [self._filtered[-1].start_variance[state] for state in self._intensities.values()]
         return np.concatenate([super()._start_variance(), first])
 
     def stated(self) -> Floats:
         """Return the parameters with which it is the nominal model ``(np,)``; those of absent effects as they start."""
+        if self._restated is not None:
+            return self._restated.copy()
         values = np.empty(len(self.names))
         for i, p in enumerate(self.model.parameters):
             if p.name in self.spec.values:
@@ -279,8 +343,7 @@ class AugmentedModel(FilteredModel):
 
     def process_variances(self, point: Candidates) -> Floats:
         """Return the process-noise variances per step of the states that the filter corrects ``(corrected,)``."""
-        model = self._moving if self._moves_in(point.values) else self.nominal
-        return self._process(point.process, model)[:, 0]
+        return self._process(point.process, self._filtered[self._level(point.values)])[:, 0]
 
     def _process(self, noise: Floats, model: StateSpaceModel) -> Floats:
         walks = [model.noise[s] * self.spec.step for s in model.states[len(self.nominal.states) :]]
@@ -335,7 +398,8 @@ def addable_effects(spec: ModelSpec, available: set[str], excluded: frozenset[st
     effects, without = [], excluded | {split(e)[0] for e in spec.effects}
     for name in placements(spec.vehicle, spec.tyre, spec.sensors):
         file, place = split(name)
-        seldom = _is_random(name) and place is not None and not (place in SIGNALS and SIGNALS[place].unit == "rad/s")
+        gyroscope = place is None or (place in SIGNALS and SIGNALS[place].unit == "rad/s")
+        seldom = _is_random(name) and not gyroscope and file != UNMODELLED
         if file in without or seldom:
             continue
         model = assembled(spec.vehicle, spec.tyre, (*spec.effects, name), spec.sensors)
@@ -349,10 +413,16 @@ def _is_random(name: str) -> bool:
     return bool(getattr(load_effect(name), "NOISE", None))
 
 
-def _intensity(name: str) -> str:
-    """Return the parameter that scales a random process, which is neutral where there is none."""
-    declared = next(p for p in load_effect(name).PARAMETERS if p.neutral is not None)
-    return parameter_at(declared, split(name)[1] or "").name
+def _states(name: str, model: StateSpaceModel) -> tuple[str, ...]:
+    """Return the states of a random process in a model, in the order of its intensities; all places may share one."""
+    stems, place = load_effect(name).STATES, suffix(split(name)[1] or "")
+    return tuple(stem + place if stem + place in model.states else stem for stem in stems)
+
+
+def intensities(name: str) -> tuple[str, ...]:
+    """Return the parameters that scale the states of a random process, which are neutral where there is none."""
+    declared = (p for p in load_effect(name).PARAMETERS if p.neutral is not None)
+    return tuple(parameter_at(p, split(name)[1] or "").name for p in declared)
 
 
 def _assembled(spec: ModelSpec, files: tuple[str, ...]) -> StateSpaceModel:

@@ -28,6 +28,9 @@ CHANNEL_DELAYS = "channel_delays"
 SENSOR_DRIFTS = "sensor_drifts"
 """Name of the hypothesis that the biases of all gyroscopes wander."""
 
+OF_ROADS = ("road_bank",)
+"""Parameters that are of the road: where they are fitted in any case, every drive has its own."""
+
 _LATE = ("steering_delay", "speed_delay", "sensor_delay")
 """Effects that say so of one channel each."""
 
@@ -45,6 +48,7 @@ class Hypothesis:
         output: Column of the only output that it acts on, if it is a fault of one sensor.
         random: Whether it is a random process: it has no response to be tested, and no simulation predicts it.
         parts: Hypotheses that it tries at once, which then stand in a model in its place; none of most.
+        changed: Whether it is of what changed since earlier drives, whose clocks and drifts are known.
     """
 
     name: str
@@ -55,6 +59,7 @@ class Hypothesis:
     output: int | None = None
     parts: tuple[Hypothesis, ...] = ()
     random: bool = False
+    changed: bool = False
 
     @property
     def single(self) -> tuple[Hypothesis, ...]:
@@ -79,7 +84,7 @@ class Hypothesis:
     @property
     def expected(self) -> bool:
         """Whether recordings have it anyway: a clock of a channel's own, or a sensor that drifts."""
-        return self.clock or (self.random and self.of_recording)
+        return not self.changed and (self.clock or (self.random and self.of_recording))
 
     @property
     def shared(self) -> tuple[str, ...]:
@@ -121,7 +126,18 @@ def hypotheses(augmented: AugmentedModel, free: Sequence[str]) -> tuple[Hypothes
     drifts = [h for h in processes if h.of_recording]
     if len(drifts) > 1:
         tried.append(replace(_together(SENSOR_DRIFTS, drifts), parts=tuple(drifts), random=True))
-    return tuple(tried)
+    return tuple(_changed(h) for h in tried if not h.change_times) if augmented.held.names else tuple(tried)
+
+
+def _changed(h: Hypothesis) -> Hypothesis:
+    """Return a hypothesis as one of what changed since earlier drives; what happens in a drive is none."""
+    return replace(h, changed=True, parts=tuple(map(_changed, h.parts)))
+
+
+def random_processes(augmented: AugmentedModel) -> tuple[Hypothesis, ...]:
+    """Return the random processes that a vehicle and its recordings have: road, sensors, discrepancy by body."""
+    names = (*augmented.processes, *augmented.discrepancy)
+    return tuple(replace(_effect(augmented, name), random=True) for name in names)
 
 
 def still_open(h: Hypothesis, taken: Container[str]) -> Hypothesis | None:
@@ -180,21 +196,36 @@ def coordinates(
         stated: Standard deviation with which a free parameter is known beforehand; those that are absent have no prior.
     """
     plain = [h for h in added if not h.random]
+    open_ = {n for h in added for n in h.shared}
+    held = [n for n in model.held.names if n not in open_]
     alone = dict.fromkeys([*free, *(n for h in plain if h.name != ALL_PARAMETERS for n in h.shared)])
     stated = stated or {}
     many = dict.fromkeys(n for h in added if h.name == ALL_PARAMETERS for n in h.shared if n not in alone)
     change_times = dict.fromkeys(n for h in added for n in h.change_times)
+    roads = [n for n in alone if n in OF_ROADS and n in free]
     return (
-        *(_coordinate(model, name, std=stated.get(name, math.inf) if name in free else math.inf) for name in alone),
+        *(replace(_coordinate(model, name), held=True) for name in held),
+        *(
+            _coordinate(model, name, std=stated.get(name, math.inf) if name in free else math.inf)
+            for name in alone
+            if name not in roads
+        ),
+        *(_coordinate(model, name, drives=(i,)) for name in roads for i in range(drives)),
         *(_in_question(model, name) for name in many),
         *(_coordinate(model, name, drives=(i,)) for name in change_times for i in range(drives)),
         *(_intensity(model, n) for h in added if h.random for n in h.amplitudes),
     )
 
 
+INTENSITY = 0.3
+"""Standard deviation of the logarithm of an intensity that other drives showed: those of another day are as alike."""
+
+
 def _intensity(model: AugmentedModel, name: str) -> Coordinate:
     row = model.row(name)
-    return intensity_coordinate(model.model.parameters[row], row, 0.0)
+    before = float(model.stated()[row])
+    c = intensity_coordinate(model.model.parameters[row], row, before)
+    return replace(c, prior=INTENSITY) if before > 0.0 else c
 
 
 def _in_question(model: AugmentedModel, name: str) -> Coordinate:
@@ -206,6 +237,7 @@ def _coordinate(model: AugmentedModel, name: str, drives: tuple[int, ...] = (), 
     row = model.row(name)
     p = model.model.parameters[row]
     value, scale = model.spec.values.get(name, p.lower), 0.1 * max(abs(p.lower), abs(p.upper))
+    value = float(model.stated()[row]) if name in model.held.names else value
     lower, upper = model.bounds(name)
     c = parameter_coordinate(replace(p, lower=lower, upper=upper), row, value, math.inf, scale, drives)
     prior = c.known_to(model.stated_std(name)).prior

@@ -9,7 +9,7 @@ from functools import partial
 
 from harness.diagnosis.criteria import BIC_NEEDED, ERROR_NEEDED, TRIED, WHITE
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS
-from harness.diagnosis.report import probabilities, residual_sections, study_gain, summary
+from harness.diagnosis.report import changes, probabilities, residual_sections, study_gain, summary
 from harness.diagnosis.report.probabilities import called, scaled
 from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.result.record import equation
@@ -17,7 +17,7 @@ from harness.diagnosis.selection.acceptance import Candidate
 from harness.identification import figures as fit_figures
 from harness.identification.axles import axle_comparison
 from harness.identification.report import coloured_outputs, whiteness_sheet
-from harness.models.quantities import quantity, words
+from harness.models.quantities import listed, quantity, words
 from harness.reporting import style
 from harness.reporting.document import (
     Block,
@@ -36,20 +36,20 @@ _ON_FIRST_PAGE = 4.0
 """Inches of the held-out drive on the first page, which has the vehicle too."""
 
 
-def report(outcome: Outcome, command: str, title: str = "", answer: str = "", evidence: Iterable[Block] = ()) -> Report:
+def report(outcome: Outcome, command: str, title: str = "", evidence: Iterable[Block] = ()) -> Report:
     """Return the report.
 
     Args:
         outcome: The trace, judged.
         command: How it was made, for the last section.
         title: The question; what the model of the vehicle lacks by default.
-        answer: What stands before that of the trace.
         evidence: What stands behind the errors of model and estimators.
     """
     blocks: list[Block] = [
-        *summary.answered(outcome, answer),
+        *summary.answered(outcome),
         *_over_time(outcome)[:1],
         Section(lambda: residual_sections.from_above(outcome), "Where on the vehicle?", headed=False),
+        Section(lambda: changes.since(outcome), "What changed, and by how much?", headed=False),
         *summary.blocks(outcome),
         Section(lambda: _errors(outcome), "How large is the simulation error?", headed=False),
         Section(lambda: _estimators(outcome), "How large are the errors of the estimators?", headed=False),
@@ -57,6 +57,7 @@ def report(outcome: Outcome, command: str, title: str = "", answer: str = "", ev
         Section(lambda: _additions(outcome), "How large is it?"),
         Section(lambda: _axles(outcome), "What follows for the axles?", headed=False),
         Section(lambda: _confounded(outcome), "What do these drives not tell apart?"),
+        Section(lambda: changes.discrepancy(outcome), "How wrong is the model anyway?"),
         Section(lambda: residual_sections.unmodelled(outcome), "Which disturbance is not in the library?"),
         Section(lambda: study_gain.blocks(outcome.study_gain), "What does the amendment gain in a study?"),
         Section(lambda: residual_sections.where(outcome), "Where is something missing?"),
@@ -68,7 +69,10 @@ def report(outcome: Outcome, command: str, title: str = "", answer: str = "", ev
         Section(lambda: _made(outcome, command), "How was it made?"),
     ]
     vehicle = words(outcome.trace.fitting.augmented.spec.vehicle)
-    return Report(title or f"What does the model of the {vehicle} lack?", blocks)
+    lacks = f"What does the model of the {vehicle} lack?"
+    if outcome.baseline is not None:
+        lacks = f"What has changed of the {vehicle} since {listed(list(outcome.baseline.names))}?"
+    return Report(title or lacks, blocks)
 
 
 def _errors(outcome: Outcome) -> list[Block]:

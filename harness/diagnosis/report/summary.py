@@ -24,20 +24,19 @@ _MEANING = {
     "unresolved": "unresolved: something is missing that no effect of the library explains",
 }
 
+_MEANING_SINCE = {
+    "adequate": "adequate: nothing has changed that these drives can show",
+    "amended": "amended: what has changed has a name, and is confirmed by the held-out drives",
+    "unresolved": "unresolved: something has changed that no hypothesis of the library explains",
+}
+"""With a baseline."""
+
 _NAMELESS = "amended: what is missing has no name, but its effect is known and is confirmed by the held-out drives"
 
 
-def answered(outcome: Outcome, answer: str = "") -> list[Block]:
-    """Return the answer in words.
-
-    Args:
-        outcome: The trace, judged.
-        answer: What stands before that of the trace.
-    """
-    head: list[Block] = [Heading("What was found?")]
-    if answer:
-        head += [Prose(strong(answer)), Prose(plain("Beyond that, the trace says:"))]
-    return [*head, Prose(strong(outcome.answer))]
+def answered(outcome: Outcome) -> list[Block]:
+    """Return the answer in words."""
+    return [Heading("What was found?"), Prose(strong(outcome.answer))]
 
 
 def blocks(outcome: Outcome) -> list[Block]:
@@ -66,7 +65,8 @@ def _search(outcome: Outcome) -> list[Block]:
 
 def _table(outcome: Outcome) -> Sheet:
     nameless = outcome.verdict == "amended" and not outcome.added
-    rows = [["verdict", _NAMELESS if nameless else _MEANING[outcome.verdict]]]
+    meaning = _MEANING if outcome.baseline is None else _MEANING_SINCE
+    rows = [["verdict", _NAMELESS if nameless else meaning[outcome.verdict]]]
     rows += [["what", called(h.name)] for h in outcome.added]
     if outcome.localisation.unmodelled is not None:
         rows += [["what", f"not in the library: {text}"] for text in unmodelled_words(outcome.localisation.unmodelled)]

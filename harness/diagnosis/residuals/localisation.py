@@ -60,6 +60,7 @@ def localised(
         final = DisturbanceRanking(trace.fitting, trace.final.point, nominal.disturbance_inputs)
     histories = tuple(nominal.history(s) for s in nominal.ranked_inputs[:SHOWN] if s.gain > 0)
     random_process = unmodelled = None
+    unexplained = unexplained and not trace.discrepancy  # which stands for it
     if unexplained and random:
         random_process = failures.attempt(
             "the search for a random process", lambda: find_random_process(trace, amended, final), lambda _: None

@@ -129,7 +129,7 @@ def _processes(spec: ModelSpec, augmented: AugmentedModel, suspected: list[set[s
 
     Left out is what the model has, what the user excludes, and what the search has tried.
     """
-    out = {*augmented.excluded, *augmented.processes, *spec.effects}
+    out = {*augmented.excluded, *augmented.processes, *augmented.discrepancy, *spec.effects}
     ranked = []
     for name in placements(spec.vehicle, spec.tyre, spec.sensors):
         if getattr(load_effect(name), "NOISE", None) and not {name, split(name)[0]} & out:

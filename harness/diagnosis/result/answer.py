@@ -35,6 +35,38 @@ class Value:
     std: float
 
 
+_NORMAL_95 = 1.959963984540054
+
+
+@dataclass(frozen=True)
+class Change:
+    """A parameter that is another one since the baseline, in SI units.
+
+    Attributes:
+        hypothesis: Of which it is an amplitude.
+        name: Of the parameter.
+        unit: Its unit.
+        before: In the baseline; the neutral value of an effect that was not there.
+        now: In the drives since.
+        std: Standard error of the difference: of both values, and of what differs between drives anyway.
+        new: Whether it is of an effect that the baseline does not have.
+    """
+
+    hypothesis: Hypothesis
+    name: str
+    unit: str
+    before: float
+    now: float
+    std: float
+    new: bool
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The 95 % interval of the difference; it allows for the discrepancy of the model and the baseline's error."""
+        reach = _NORMAL_95 * self.std
+        return self.now - self.before - reach, self.now - self.before + reach
+
+
 _PURE = 0.8
 """Share of a curve's power from which it counts as odd or even."""
 

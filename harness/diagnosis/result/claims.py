@@ -174,7 +174,7 @@ def verdict_of(trace: Trace, localisation: Localisation, coloured: bool) -> Verd
     where it leaves white innovations, or almost. Many wrong parameters explain nothing if one would be wrong by an
     implausible factor. A search that was cut short has not tried everything.
     """
-    if trace.cut_short or beyond_belief(trace.final, trace.added):
+    if trace.cut_short or trace.discrepancy or beyond_belief(trace.final, trace.added):
         return "unresolved"
     if localisation.random_process is not None:
         return "amended" if localisation.random_process.white else "unresolved"

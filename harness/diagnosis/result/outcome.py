@@ -6,7 +6,7 @@ Cautions come before the answer: fits that ended at a bound, models that cannot 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from harness.common.failures import RAISED, Failures
@@ -16,7 +16,7 @@ from harness.diagnosis.fitting import FittedHypothesis
 from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.residuals.localisation import NOWHERE, Localisation, localised
 from harness.diagnosis.residuals.random_process import RandomProcess
-from harness.diagnosis.result.answer import Value, answer
+from harness.diagnosis.result.answer import Change, Value, answer
 from harness.diagnosis.result.claims import (
     Claims,
     Refused,
@@ -32,6 +32,7 @@ from harness.diagnosis.result.confounded import Direction, confounded
 from harness.diagnosis.result.estimator_gain import EstimatorErrors, fitted_model
 from harness.diagnosis.result.study_gain import StudyGain
 from harness.diagnosis.selection.acceptance import ends_at_bound
+from harness.diagnosis.selection.baseline import Baseline
 from harness.diagnosis.selection.candidate_fits import Say
 from harness.diagnosis.selection.forward_selection import Trace
 from harness.diagnosis.selection.posterior import Posterior
@@ -94,6 +95,8 @@ class Outcome:
         refitted: What the final model has for the parameters that are fitted in any case.
         refused: Additions that the final model lacks because they are worse than none, if there were any.
         confounded: Directions in which the drives do not tell what was added or refitted from something else.
+        baseline: The vehicle as earlier drives showed it, if there are any; then everything added is a change since.
+        changes: What changed since, parameter by parameter.
     """
 
     trace: Trace
@@ -111,6 +114,8 @@ class Outcome:
     refitted: tuple[Value, ...] = ()
     refused: Refused | None = None
     confounded: tuple[Direction, ...] = ()
+    baseline: Baseline | None = None
+    changes: tuple[Change, ...] = ()
 
     @property
     def cautions(self) -> tuple[str, ...]:
@@ -176,13 +181,13 @@ def outcome_of(trace: Trace, say: Say = lambda _: None, failures: Failures = RAI
         lambda _: (),
     )
     claims = replace(claims, confounded=directions)
-    nominal = fitted_model(trace, trace.fitting.augmented.spec, trace.nominal.point)
+    nominal = fitted_model(trace, _with_effects(trace, trace.known), trace.nominal.point)
     sentences = failures.attempt(
         "the answer in sentences",
         lambda: answer(trace, claims, localisation, values),
         lambda _: f"The verdict is: {claims.verdict}.",
     )
-    refitted = tuple(_value(trace, errors, name) for name in trace.free)
+    refitted = tuple(_value(trace, errors, name) for name in trace.free if name in nominal.values)
     return Outcome(
         trace,
         claims.verdict,
@@ -249,6 +254,10 @@ def _judged(trace: Trace) -> tuple[Judged, ...]:
 
 def _amended(trace: Trace) -> ModelSpec:
     """Return the final model with its effects at the places where they are in force."""
+    return fitted_model(trace, _with_effects(trace, (*trace.known, *trace.effects)), trace.final.point)
+
+
+def _with_effects(trace: Trace, added: Sequence[Hypothesis]) -> ModelSpec:
     spec = trace.fitting.augmented.spec
-    effects = (*spec.effects, *dict.fromkeys(h.name for h in trace.effects))
-    return fitted_model(trace, replace(spec, effects=effects), trace.final.point)
+    names = dict.fromkeys(h.name for h in added if h.kind == "effect")
+    return replace(spec, effects=(*spec.effects, *names))

@@ -21,6 +21,7 @@ from harness.diagnosis.residuals.localisation import Localisation
 from harness.diagnosis.residuals.order_analysis import PeriodicDisturbance
 from harness.diagnosis.residuals.unmodelled import UnmodelledDisturbance
 from harness.diagnosis.result.answer import described
+from harness.diagnosis.result.changes import record_of_changes, sizes_of
 from harness.diagnosis.result.confounded import Direction
 from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.result.study_gain import StudyGain
@@ -67,6 +68,8 @@ def _search(outcome: Outcome) -> dict[str, Callable[[], Any]]:
         "confounded": lambda: [_direction(d) for d in outcome.confounded],
         "refitted": lambda: _refitted(outcome),
         "measured_ranges": lambda: _measured_ranges(trace.fitting.augmented),
+        "discrepancy": lambda: _discrepancy(outcome),
+        "baseline": lambda: record_of_changes(outcome),
         "unnamed": lambda: unmodelled_record(outcome.localisation.unmodelled),
         "rounds": lambda: [_round(r, outputs) for r in trace.rounds],
         "posterior": lambda: _posterior(outcome.posterior),
@@ -142,6 +145,13 @@ def _gains(outcome: Outcome) -> dict[str, Callable[[], Any]]:
         "estimators": lambda: {e.kind: _before_and_after(outputs, e.before, e.after) for e in outcome.estimators},
         "worth": lambda: _study_gain(outcome.study_gain) if isinstance(outcome.study_gain, StudyGain) else None,
     }
+
+
+def _discrepancy(outcome: Outcome) -> dict[str, Any]:
+    """Return how wrong the final model is anyway, in SI units; nothing where the drives need no discrepancy."""
+    trace = outcome.trace
+    sizes = sizes_of(trace.fitting.augmented, trace.final.point, trace.discrepancy)
+    return {"parameters": sizes, "hinging": list(trace.hinging)}
 
 
 def _measured_ranges(augmented: AugmentedModel) -> dict[str, Any]:

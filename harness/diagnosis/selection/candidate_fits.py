@@ -37,6 +37,7 @@ class CandidateFits:
         free: Parameters of the nominal model that are fitted in any case.
         say: Is told what is being tried.
         kept: Fits of an earlier, unfinished trace; none by default.
+        always: Random processes that are a part of every model.
 
     Attributes:
         models: Every model that was fitted, by what it has, with its likeliest fit.
@@ -53,19 +54,26 @@ class CandidateFits:
         free: tuple[str, ...],
         say: Say,
         kept: KeptFits | None = None,
+        always: Added = (),
     ) -> None:
+        self.always = always
         self._kept = kept or KeptFits()
         self.fitting, self.held_out, self.free, self.say = fitting, held_out, free, say
         self.augmented = fitting.augmented
         self._known = stated_std(self.augmented.spec)
         self._effects = {h.name: h for h in hypotheses(self.augmented, free) if h.kind == "effect"}
         self._log_samples = math.log(fitting.samples)
-        self.doubt = math.inf if fitting.noise_held else 0.5 * HOPEFUL
+        self.doubt = math.inf if fitting.noise_held and not self.disturbed else 0.5 * HOPEFUL
         self.models: dict[frozenset[Hypothesis], tuple[Added, FittedHypothesis]] = {}
         self.refuted: set[Hypothesis] = set()
         self._judged: dict[tuple[Added, int], tuple[Judgement, ParameterPoint]] = {}
         self._test: tuple[FittedHypothesis, ScoreTest] | None = None
         self._scores: dict[int, tuple[set[Hypothesis], list[Score], ParameterPoint]] = {}
+
+    @property
+    def disturbed(self) -> bool:
+        """Whether models allow for their discrepancy."""
+        return any(h.name in self.augmented.discrepancy for h in self.always)
 
     def fit(
         self,
@@ -77,7 +85,8 @@ class CandidateFits:
         least: float = -math.inf,
     ) -> FittedHypothesis:
         """Fit the free parameters, additions and noise, as ``Fitting.fit`` does."""
-        moved = coordinates(self.augmented, self.free, added, len(self.fitting.drives), self._known)
+        whole = (*added, *self.always)
+        moved = coordinates(self.augmented, self.free, whole, len(self.fitting.drives), self._known)
         fitted = self._kept.fit(self.fitting, moved, start, (iterations, turns, afresh, least))
         best = self.models.get(frozenset(added))
         if best is None or fitted.objective > best[1].objective:

@@ -8,23 +8,24 @@ fitted drives, the likelihood and the simulation error of drives that were never
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from harness.common.arrays import Floats
 from harness.common.failures import RAISED, Failures
-from harness.diagnosis.criteria import EXCESS, ROUNDS
-from harness.diagnosis.fitting import FittedHypothesis, Fitting, KeptFits
+from harness.diagnosis.criteria import EXCESS, FURTHER, ROUNDS, WHITE
+from harness.diagnosis.fitting import FittedHypothesis, Fitting, KeptFits, ParameterPoint
 from harness.diagnosis.model.augmented_model import AugmentedModel
-from harness.diagnosis.model.hypotheses import Hypothesis
-from harness.diagnosis.selection.acceptance import Round, beyond_belief, with_further
+from harness.diagnosis.model.hypotheses import Hypothesis, random_processes
+from harness.diagnosis.selection.acceptance import Candidate, Round, beyond_belief, with_further
 from harness.diagnosis.selection.candidate_fits import Added, CandidateFits, Say
+from harness.diagnosis.selection.discrepancy import first_point, hinges, with_discrepancy
 from harness.diagnosis.selection.model_comparison import likeliest
 from harness.diagnosis.selection.posterior import Posterior
 from harness.diagnosis.selection.selection_round import SelectionRound, selection_round
-from harness.diagnosis.selection.validation import HeldOut, Judgement, colour_left
+from harness.diagnosis.selection.validation import HeldOut, Judgement, colour_left, leaves_nothing
 from harness.identification.data import DriveData
 from harness.identification.signal_noise import white_noise
 
@@ -46,6 +47,10 @@ class Trace:
         after: The final one there.
         cut_short: Why the search ended before everything was tried; empty if it did not.
         posterior: How likely each model is that was fitted; ``None`` if that could not be computed.
+        discrepancy: Random processes that every model has, because the model is not quite right anyway; none where the
+            drives do not need them.
+        known: What the model has from earlier drives of the vehicle.
+        hinging: Sizes of what was added that would be others, by more than their intervals, without those.
     """
 
     fitting: Fitting
@@ -60,6 +65,9 @@ class Trace:
     after: Judgement
     cut_short: str = ""
     posterior: Posterior | None = None
+    discrepancy: tuple[Hypothesis, ...] = ()
+    hinging: tuple[str, ...] = ()
+    known: tuple[Hypothesis, ...] = ()
 
     @property
     def effects(self) -> tuple[Hypothesis, ...]:
@@ -77,6 +85,7 @@ def trace(
     stated_noise: bool = False,
     failures: Failures = RAISED,
     kept: KeptFits | None = None,
+    always: Added = (),
 ) -> Trace:
     """Find what the model lacks.
 
@@ -91,11 +100,40 @@ def trace(
             a real vehicle is never quite right, and process noise that is fitted to that takes up what is missing.
         failures: Takes a round that cannot be computed; what earlier ones found stands. By default it is raised.
         kept: Fits of the same trace, where it was interrupted; they are not fitted again.
+        always: Random processes that every model has.
     """
     variances = first_variances(augmented, [*train, *test], stated_noise)
     fitting = Fitting(augmented, train, variances, stated_noise, [*train, *test])
-    candidate_fits = CandidateFits(fitting, HeldOut(augmented, test, variances), tuple(free), say, kept)
-    return _ForwardSelection(candidate_fits, rounds, failures).run()
+    held_out = HeldOut(augmented, test, variances)
+    fits = CandidateFits(fitting, held_out, tuple(free), say, kept, always)
+    plain = _ForwardSelection(fits, rounds, failures).run()
+    plain = replace(plain, discrepancy=always)
+    if not augmented.discrepancy or plain.discrepancy or plain.cut_short or _is_whole(plain):
+        return plain
+    disturbed = CandidateFits(fitting, held_out, tuple(free), say, kept, random_processes(augmented))
+    whole = failures.attempt(
+        "the discrepancy of the model", lambda: with_discrepancy(disturbed, plain.added, plain.final), lambda _: None
+    )
+    if whole is None:
+        return plain
+    disturbed.models.clear()  # what the search finds is to be another answer
+    found = _ForwardSelection(disturbed, rounds, failures, first_point(fitting, whole.point)).run()
+    without = fits.fit(found.added, replace(found.final.point, values=_undisturbed(augmented, found.final.point)))
+    hinging = hinges(without, found.final, fitting.standard_errors(found.final), found.added)
+    return replace(found, discrepancy=random_processes(augmented), hinging=hinging)
+
+
+def _undisturbed(augmented: AugmentedModel, point: ParameterPoint) -> Floats:
+    """Return the parameters of a point without discrepancy ``(np, drives)``."""
+    values = point.values.copy()
+    values[[augmented.row(n) for h in random_processes(augmented) for n in h.amplitudes]] = 0.0
+    return values
+
+
+def _is_whole(found: Trace) -> bool:
+    """Whether a final model leaves nothing that its drives show: white innovations, an error within its floor."""
+    white = not any(w.p_value < WHITE for d in found.after.drives for w in d.whiteness)
+    return white and leaves_nothing(found.after, found.before) and not beyond_belief(found.final, found.added)
 
 
 def first_variances(augmented: AugmentedModel, drives: Sequence[DriveData], stated_noise: bool = False) -> Floats:
@@ -110,8 +148,15 @@ def first_variances(augmented: AugmentedModel, drives: Sequence[DriveData], stat
 
 
 class _ForwardSelection:
-    def __init__(self, candidate_fits: CandidateFits, rounds: int, failures: Failures = RAISED) -> None:
+    def __init__(
+        self,
+        candidate_fits: CandidateFits,
+        rounds: int,
+        failures: Failures = RAISED,
+        first: ParameterPoint | None = None,
+    ) -> None:
         self.candidate_fits, self.most, self.failures = candidate_fits, rounds, failures
+        self.first = first
         self.rounds: list[Round] = []
         self.cut_short = ""
 
@@ -123,7 +168,7 @@ class _ForwardSelection:
         """
         fits = self.candidate_fits
         fits.say("fitting the nominal model")
-        self.nominal = best = fits.fit((), fits.fitting.first(), 25)
+        self.nominal = best = fits.fit((), self.first or fits.fitting.first(), 25)
         added: Added = ()
         seen: set[frozenset[Hypothesis]] = set()
         while True:
@@ -213,6 +258,9 @@ class _ForwardSelection:
         """
         room = self.most - _size(tried.added)
         decided = tried.decided(room)
+        if decided.added is not None and self._is_little(tried, decided.added):
+            reason = "the gain in BIC is little beside that of what changed already"
+            return [replace(decided, added=None, hopeful=None, reason=reason)]
         if decided.hopeful is not None:
             assert decided.hopeful.fitted is not None
             with_it = self.candidate_fits.joined(tried.added, decided.hopeful.hypothesis)
@@ -222,6 +270,12 @@ class _ForwardSelection:
             if further.added is not None:
                 return [with_further(decided, further), further]
         return [decided if decided.added is not None else tried.decided_by_sensor(room)]
+
+    def _is_little(self, tried: SelectionRound, further: Candidate) -> bool:
+        """Whether a further change since a baseline explains little beside what others explain."""
+        fits = self.candidate_fits
+        explained = fits.bic(tried.best.objective - self.nominal.objective, 0.0)
+        return bool(tried.added and fits.augmented.held.names) and further.bic < FURTHER * explained
 
 
 def _size(added: Added) -> int:

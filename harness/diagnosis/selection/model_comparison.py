@@ -256,7 +256,7 @@ def _may_follow(former: Added, added: Added) -> bool:
     steering that resembles one would be an effect of a vehicle that has none.
     """
     lost, new = set(added) - set(former), set(former) - set(added)
-    return len(new) <= len(lost) and not (new and any(h.clock for h in lost))
+    return len(new) <= len(lost) and not (new and any(h.clock and not h.changed for h in lost))
 
 
 @dataclass(frozen=True)
@@ -290,6 +290,12 @@ class _Comparison:
         self._known: dict[int, _Predicted] = {}  # by the fit, which is kept beside
         self._odds = log_odds(hypotheses(fits.augmented, fits.free))
         self._alike: dict[Hypothesis, Alike] = {}
+        step, longest = fits.augmented.spec.step, min(len(d.time) for d in fits.held_out.drives)
+        self._samples = np.array([max(1.0, h if math.isinf(h) else round(h / step)) for h in HORIZONS])
+        # A model that knows its discrepancy states the density of the drives one step ahead; of the errors of a
+        # prediction that goes on for a second a hundred samples are one.
+        whole = np.ones(len(HORIZONS))
+        self._shares = 1.0 / np.minimum(self._samples, longest) if fits.disturbed else whole
 
     def likeliest(self, models: Sequence[tuple[Added, FittedHypothesis]]) -> tuple[Added, FittedHypothesis]:
         """Return the likeliest of some models, weighed among themselves.
@@ -320,8 +326,11 @@ class _Comparison:
         shares = probabilities(priors, densities)
         order = np.argsort(-shares, kind="stable")
         first = weighed.predicted[order[0]]
-        # What is unlisted acts beside it, or is what its many parameters stand for; then it predicts as well.
-        unlisted = densities[order[0]] + np.vstack([self._lacking(first), np.zeros(densities.shape[1])])
+        # What is unlisted acts beside it, or is what its many parameters stand for; then it predicts as well. Where a
+        # discrepancy stands for it already, it is the model with that alone, and what may act as what was named.
+        nothing = np.zeros(densities.shape[1])
+        lacking = nothing if self.fits.disturbed else self._lacking(first)
+        unlisted = densities[order[0]] + np.vstack([lacking, nothing])
         odds = np.array([0.0, self._stand_in(first)]) + math.log(PRIORS.odds["none"])
         joint = probabilities(np.append(priors, priors[order[0]] + odds), np.vstack([densities, unlisted]))
         models = tuple(
@@ -348,7 +357,10 @@ class _Comparison:
             self._alike[h] = _alike(h, self.rounds, self._odds)
         classes = [[self._alike[h] for h in p.added] for p in predicted]
         priors = [_log_prior(p, c, self._odds) for p, c in zip(predicted, classes, strict=True)]
-        return _Weighed(predicted, classes, np.array(priors), shared_horizons(np.array([p.blocks for p in predicted])))
+        return _Weighed(predicted, classes, np.array(priors), self._shared(predicted))
+
+    def _shared(self, predicted: Sequence[_Predicted]) -> Floats:
+        return shared_horizons(np.array([p.blocks for p in predicted]), self._shares)
 
     def _predicted(self, added: Added, fitted: FittedHypothesis) -> _Predicted:
         held_out = self.fits.held_out
@@ -361,10 +373,8 @@ class _Comparison:
 
     def _aheads(self, fitting: Fitting, point: ParameterPoint) -> tuple[Ahead, ...]:
         """Return how a model predicts drives at all horizons."""
-        step = self.fits.augmented.spec.step
-        samples = [max(1.0, h if math.isinf(h) else round(h / step)) for h in HORIZONS]
         each = zip(fitting.drives, fitting.candidates([point]), strict=True)
-        return tuple(fitting.augmented.share(lambda arguments: self._prediction.of(*arguments, samples), each))
+        return tuple(fitting.augmented.share(lambda arguments: self._prediction.of(*arguments, [*self._samples]), each))
 
     def _lacking(self, p: _Predicted) -> Floats:
         """Return by block how much likelier the held-out drives are if a model lacks something ``(blocks,)``."""

@@ -26,8 +26,8 @@ from scipy.stats import chi2
 
 from harness.common.arrays import Floats
 from harness.common.statistics import Interval
-from harness.diagnosis.criteria import BLOCK, MASS, PRIORS
-from harness.diagnosis.fitting import FittedHypothesis
+from harness.diagnosis.criteria import MASS, PRIORS
+from harness.diagnosis.fitting import FittedHypothesis, block_sums
 from harness.diagnosis.innovations.prediction import Ahead
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.identification.data import DriveData
@@ -65,11 +65,12 @@ def log_size(fitted: FittedHypothesis, added: Sequence[Hypothesis]) -> float:
 
     A parameter is off by what its set states, in its coordinate. Where that says nothing, a positive one is off by a
     factor whose logarithm is normal with the standard deviation ``PRIORS.stated``, so that a factor of 1.8 costs four
-    units and one of ten more than sixty; that of a length on the vehicle has ``PRIORS.length``.
+    units and one of ten more than sixty; that of a length on the vehicle has ``PRIORS.length``. A parameter that is
+    fitted in any case has the prior of the fit.
     """
     stated = {n for h in added if h.kind == "parameter" for n in h.amplitudes}
-    moved = [c for c in fitted.coordinates if c.name in stated]
-    return -0.5 * sum(((c.coordinate(fitted.point.value(c)) - c.centre) / c.stated_std) ** 2 for c in moved)
+    moved = [(c, c.stated_std if c.name in stated else c.prior) for c in fitted.coordinates if c.kind == "parameter"]
+    return -0.5 * sum(((c.coordinate(fitted.point.value(c)) - c.centre) / std) ** 2 for c, std in moved)
 
 
 def log_stand_in(fitted: FittedHypothesis, added: Sequence[Hypothesis], information: Floats) -> float:
@@ -234,15 +235,6 @@ class Posterior:
         return replace(self, models=models, none=self.none + (1.0 - self.none) * taken)
 
 
-def blocks_of(values: Floats, time: Floats) -> Floats:
-    """Return sums over blocks ``(blocks, n)`` of values at samples ``(samples, n)``; a short rest goes to the last."""
-    count = max(1, round((time[-1] - time[0]) / BLOCK))
-    number = np.minimum(((time - time[0]) / BLOCK).astype(int), count - 1)
-    sums = np.zeros((count, values.shape[1]))
-    np.add.at(sums, number, values)
-    return sums
-
-
 def weights(blocks: int, seed: int = 0) -> Floats:
     """Return weights of the blocks, of mean 1, for every draw of the Bayesian bootstrap ``(draws, blocks)``."""
     return blocks * np.random.default_rng(seed).dirichlet(np.ones(blocks), _DRAWS)
@@ -263,18 +255,21 @@ def probabilities(log_priors: Floats, densities: Floats) -> Floats:
     return mean
 
 
-def shared_horizons(blocks: Floats) -> Floats:
-    """Return the mean log density over the horizons that count ``(models, blocks)``.
+def shared_horizons(blocks: Floats, shares: Floats) -> Floats:
+    """Return the weighted mean of the log density over the horizons that count ``(models, blocks)``.
 
     They are those at which the model that can be driven at most of them can: a horizon at which none can says nothing.
 
     Args:
         blocks: Log density by block and horizon ``(models, blocks, horizons)``, not finite where a model cannot be
             driven.
+        shares: Weight of each horizon ``(horizons,)``.
     """
     driven = np.asarray(np.isfinite(blocks).all(axis=1))
     most = np.asarray(driven[np.argmax(driven.sum(axis=1))])
-    return np.asarray(blocks[:, :, most].mean(axis=2) if most.any() else np.zeros(blocks.shape[:2]))
+    if not most.any():
+        return np.zeros(blocks.shape[:2])
+    return np.asarray(np.average(blocks[:, :, most], axis=2, weights=shares[most]))
 
 
 def interval(differences: Floats) -> Interval:
@@ -381,6 +376,6 @@ def by_block(densities: Sequence[Floats], drives: Sequence[DriveData], penalty: 
     The first block of a drive, unless it is the only one, is left out: far ahead, what it shows is how soon a model
     forgets a first state that nobody knows.
     """
-    each = [blocks_of(d, drive.time[1:]) for d, drive in zip(densities, drives, strict=True)]
+    each = [block_sums(d, drive.time[1:]) for d, drive in zip(densities, drives, strict=True)]
     stacked = np.concatenate([blocks[1:] if len(blocks) > 1 else blocks for blocks in each])
     return stacked - penalty / len(stacked)

@@ -114,7 +114,8 @@ class ScoreTest:
         self._outputs = len(self.augmented.model.outputs)
         self._linearisation = ModelTangents(self.augmented)
         self._plain_known = _PlainColumns({}, [np.zeros((len(r), 0)) for r in self.residual])
-        self._held: dict[str, float] = {}
+        # An effect that earlier drives showed keeps its shapes.
+        self._held = {n: float(self.point.values[self.augmented.row(n), 0]) for n in self.augmented.held.names}
         self._onsets: dict[int, Onsets] = {}
         self._cached: dict[tuple[int, str], Columns] = {}
         self._own: dict[str, tuple[str, ...]] = {}
@@ -124,10 +125,11 @@ class ScoreTest:
     def _project(self) -> None:
         """Find with what weights the columns of the fit take part in others."""
         moved, point = self._coordinates, self.point
-        weight = np.array([c.prior**-2.0 for c in moved])
+        joint = self.augmented.joint_prior(moved)
+        weight = np.diag([c.prior**-2.0 for c in moved]) + (0.0 if joint is None else joint)
         away = np.array([c.coordinate(point.value(c)) - c.centre for c in moved])
-        information = total([N.T @ N for N in self.moved]) + np.diag(weight)
-        self._pull = total([N.T @ r for N, r in zip(self.moved, self.residual, strict=True)]) + weight * away
+        information = total([N.T @ N for N in self.moved]) + weight
+        self._pull = total([N.T @ r for N, r in zip(self.moved, self.residual, strict=True)]) + weight @ away
         self._inverse = np.linalg.pinv(information, rcond=1e-10, hermitian=True)
         self._products: dict[tuple[int, str, str], Floats] = {}
 
@@ -148,7 +150,7 @@ class ScoreTest:
         test.residual = [r + N @ step for r, N in zip(self.residual, self.moved, strict=True)]
         test.moved, test._coordinates = [N[:, kept] for N in self.moved], [self._coordinates[i] for i in kept]
         # Columns of what is in force hold for the shapes that it has.
-        test._held = {n: float(self._at.values[self.augmented.row(n), 0]) for n in h.shapes}
+        test._held = self._held | {n: float(self._at.values[self.augmented.row(n), 0]) for n in h.shapes}
         test.point, test._ranges = point, {}
         test._project()
         return test

@@ -217,8 +217,9 @@ class SelectionRound:
     def open(self) -> list[Hypothesis]:
         """Return what is not in force yet, and not refuted."""
         free = self.candidate_fits.free
-        taken = {n for h in (*self.added, *self.candidate_fits.refuted) for n in h.amplitudes} | set(free)
-        hypotheses_left = (still_open(h, taken) for h in hypotheses(self.candidate_fits.augmented, free))
+        fits = self.candidate_fits
+        taken = {n for h in (*self.added, *fits.refuted, *fits.always) for n in h.amplitudes} | set(free)
+        hypotheses_left = (still_open(h, taken) for h in hypotheses(fits.augmented, free))
         return [h for h in hypotheses_left if h is not None]
 
     def leads_its_parts(self, several: Score) -> bool:

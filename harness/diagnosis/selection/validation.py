@@ -34,6 +34,8 @@ class Judgement:
         log_density: Logarithm of the predictive density of the free run, but for a constant: of all outputs, in the
             mean of the samples. Who allows for a larger error, as a random process does, pays for that by its floor.
         wander: Share of the floor that the random processes of the model add ``(ny,)``.
+        plain_excess: ``normalised_excess_mse`` over the floor of sensors and inputs alone.
+        discrepancy: Whether the model allows for its discrepancy.
     """
 
     log_likelihood: float
@@ -43,6 +45,8 @@ class Judgement:
     point: ParameterPoint
     log_density: float = math.nan
     wander: Floats | float = 0.0
+    plain_excess: float = math.nan
+    discrepancy: bool = False
 
     @property
     def normalised_excess_mse(self) -> float:
@@ -68,9 +72,14 @@ def leaves_nothing(after: Judgement, before: Judgement) -> bool:
 def predicts_better(after: Judgement, before: Judgement) -> bool:
     """Whether the simulation error of a model is less than another's by enough of what can be explained.
 
+    Models that allow for their discrepancy differ in their floors. Of those the error over the floor of sensors and
+    inputs must not grow, and the likelihood decides.
+
     That is what exceeds the floor by more than the floor itself is uncertain. Where nothing does, no fall can be asked
     of an error that is that of a perfect model as far as anybody knows: it must stay so, and the likelihood decides.
     """
+    if after.discrepancy:
+        return bool(after.plain_excess <= EXCESS + before.plain_excess)
     explicable = max(before.normalised_excess_mse - EXCESS, 0.0)
     return after.normalised_excess_mse <= EXCESS + (1 - ERROR_NEEDED) * explicable
 
@@ -163,11 +172,16 @@ class HeldOut:
         likelihood = sum(d.log_likelihood for d in judged) - 0.5 * change_times * np.log(self.fitting.samples)
         free = [d.simulated for d in judged]
         wander = self._wander(here)
-        floor = floors(self.drives, self.variances) + wander
+        plain = floors(self.drives, self.variances)
+        floor = plain + wander
         error, normalised_excess_mses = simulation_error(self.drives, free, floor)
+        plain_excess = float(np.sum(simulation_error(self.drives, free, plain)[1]))
         density = _log_density(self.drives, free, floor)
         share = np.mean(wander / floor, axis=0)
-        return Judgement(likelihood, error, normalised_excess_mses, judged, here, density, share)
+        discrepancy = self.augmented.is_disturbed(here.values)
+        return Judgement(
+            likelihood, error, normalised_excess_mses, judged, here, density, share, plain_excess, discrepancy
+        )
 
     def floors(self, point: ParameterPoint) -> Floats:
         """Return the variances of the simulation error of a perfect model ``(samples of all drives, ny)``.

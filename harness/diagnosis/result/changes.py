@@ -1,0 +1,151 @@
+"""Changes of a vehicle since a baseline: their sizes, the verdict, the answer in sentences and the record."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from harness.diagnosis.criteria import EXCESS
+from harness.diagnosis.fitting import ParameterPoint
+from harness.diagnosis.model.augmented_model import AugmentedModel
+from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, random_processes
+from harness.diagnosis.result.answer import Change, in_words
+from harness.diagnosis.result.claims import Verdict
+from harness.diagnosis.result.outcome import Outcome
+from harness.diagnosis.selection.baseline import Baseline
+from harness.models.assembly.placement import split
+from harness.models.quantities import listed, print_unit, words
+from harness.reporting import style
+
+
+def changes_of(outcome: Outcome, baseline: Baseline) -> tuple[Change, ...]:
+    """Return what changed since a baseline, the likeliest first, and of those the one that is most plainly not none."""
+    stated, augmented = baseline.augmented.stated(), baseline.augmented
+    values = outcome.trace.final.point.values[:, 0]
+    there = {n for h in baseline.added for n in h.amplitudes} | set(augmented.spec.values)
+    changes = [
+        Change(
+            h,
+            v.name,
+            v.unit,
+            float(stated[augmented.row(v.name)]),
+            v.value,
+            math.hypot(v.std, baseline.error_of(v.name), baseline.scatter_of(h, v.name, values)),
+            v.name not in there,
+        )
+        for h in outcome.trace.added
+        for v in outcome.values[h.name]
+        if v.name in h.amplitudes
+    ]
+    likely = {} if outcome.posterior is None else outcome.posterior.inclusion()
+    plain = {h: max((abs(c.now - c.before) / c.std for c in changes if c.hypothesis == h), default=0.0) for h in likely}
+    order = sorted(outcome.trace.added, key=lambda h: (-round(likely.get(h, 0.0), 2), -plain.get(h, 0.0)))
+    return tuple(sorted(changes, key=lambda c: order.index(c.hypothesis)))
+
+
+def since(outcome: Outcome, baseline: Baseline) -> Outcome:
+    """Return an outcome that says what changed since a baseline."""
+    changes = changes_of(outcome, baseline)
+    verdict = _verdict(outcome, baseline)
+    return replace(
+        outcome,
+        baseline=baseline,
+        changes=changes,
+        verdict=verdict,
+        answer=_answer(outcome, baseline, changes, verdict),
+    )
+
+
+def _verdict(outcome: Outcome, baseline: Baseline) -> Verdict:
+    """Return whether nothing changed, what changed was named, or something changed that has no name here.
+
+    Something has no name if the error on the held-out drives is beyond twice what the baseline left of its own.
+    """
+    trace = outcome.trace
+    if trace.cut_short:
+        return "unresolved"
+    if trace.added:
+        return "amended"
+    usual = 2.0 * baseline.judged.plain_excess
+    return "adequate" if trace.after.plain_excess <= max(EXCESS, usual) else "unresolved"
+
+
+def _answer(outcome: Outcome, baseline: Baseline, changes: tuple[Change, ...], verdict: Verdict) -> str:
+    name = f"the baseline ({listed(list(baseline.names))})"
+    if outcome.trace.cut_short:
+        return f"The search broke off before everything was tried, so it is not known what changed since {name}."
+    if not outcome.trace.added:
+        if verdict == "adequate":
+            return f"Nothing has changed since {name} that these drives can show."
+        return f"Something has changed since {name} that no hypothesis of the library explains."
+    order = dict.fromkeys([*(c.hypothesis for c in changes), *outcome.trace.added])
+    phrases = [_phrase(h, [c for c in changes if c.hypothesis == h], outcome) for h in order]
+    return f"Since {name}: {'; '.join(phrases)}.{_instead(outcome)}"
+
+
+def _phrase(h: Hypothesis, changes: list[Change], outcome: Outcome) -> str:
+    """Return a change in words with its sizes and its probability."""
+    posterior = outcome.posterior
+    sure = "" if posterior is None else f" ({in_words(posterior.probability_of([h]))})"
+    if h.name == ALL_PARAMETERS:
+        return f"many parameters changed, which these drives do not tell apart{sure}"
+    file, place = split(h.name)
+    what = f"{words(file)} of {words(place)}" if place else words(file)
+    sizes = [_size(c, words(c.name) != what) for c in changes]
+    return f"{what} {listed(sizes)}{sure}"
+
+
+def _size(c: Change, named: bool) -> str:
+    unit = f" {print_unit(c.unit)}".rstrip()
+    now = f"{style.uncertain(c.now, c.std)}{unit}"
+    text = now if c.new else f"from {style.number(c.before)} to {now}"
+    return f"{words(c.name)} {text}" if named else text
+
+
+def _instead(outcome: Outcome) -> str:
+    """Return what may have changed instead: what the 90 % set holds besides."""
+    if outcome.posterior is None:
+        return ""
+    own = set(outcome.trace.added)
+    sets = outcome.posterior.confusable()
+    others = [h for m in sets for a in m.added for h in a.hypotheses if h not in own]
+    names = list(dict.fromkeys(words(h.name.replace("@", " of ")) for h in others))
+    return f" These drives do not tell it from {listed(names[:4])}." if names else ""
+
+
+def sizes_of(augmented: AugmentedModel, point: ParameterPoint, processes: Sequence[Hypothesis]) -> dict[str, Any]:
+    """Return the parameters of random processes at a point, in SI units."""
+    rows = {n: augmented.row(n) for h in processes for n in h.shared}
+    units = augmented.model.parameters
+    return {n: {"value": float(point.values[row, 0]), "unit": units[row].unit} for n, row in rows.items()}
+
+
+def record_of_changes(outcome: Outcome) -> dict[str, Any] | None:
+    """Return the key ``baseline`` of ``trace.json`` in SI units; ``None`` without a baseline."""
+    baseline = outcome.baseline
+    if baseline is None:
+        return None
+    posterior = outcome.posterior
+    inclusion = {} if posterior is None else posterior.inclusion()
+    return {
+        "drives": list(baseline.names),
+        "added": [h.name for h in baseline.added],
+        "discrepancy": sizes_of(baseline.augmented, baseline.fitted.point, random_processes(baseline.augmented)),
+        "changes": [
+            {
+                "hypothesis": c.hypothesis.name,
+                "kind": c.hypothesis.kind,
+                "parameter": c.name,
+                "unit": c.unit,
+                "before": c.before,
+                "now": c.now,
+                "change": c.now - c.before,
+                "std": c.std,
+                "interval_95": list(c.interval),
+                "probability": inclusion.get(c.hypothesis),
+            }
+            for c in outcome.changes
+        ],
+    }

@@ -1,0 +1,103 @@
+"""What has changed since a baseline, and the discrepancy that a model is allowed."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from harness.common.errors import UserError
+from harness.config import resolve_single
+from harness.diagnosis.fitting import FittedHypothesis, Fitting, KeptFits, block_sums
+from harness.diagnosis.model.augmented_model import HeldParameters
+from harness.diagnosis.model.hypotheses import coordinates, random_processes
+from harness.diagnosis.result.changes import since
+from harness.diagnosis.result.outcome import outcome_of
+from harness.diagnosis.run import TraceTask, run_trace
+from harness.diagnosis.selection.baseline import learnt, of_roads
+from harness.diagnosis.selection.forward_selection import first_variances, trace
+from support.driven_car import CAR, FREE, driven
+
+
+@pytest.fixture(scope="module")
+def baseline(augmented):
+    drives = [augmented.drive(driven(i + 40, ["steering_offset"], steering_offset=2e-3), f"day {i}") for i in range(2)]
+    return learnt(augmented, drives, FREE, False, lambda _: None, KeptFits())
+
+
+def searched(augmented, baseline, recordings):
+    later = baseline.augmented
+    drives = [later.drive(r, f"now {i}") for i, r in enumerate(recordings)]
+    options = {"always": random_processes(augmented)}
+    found = trace(later, drives[:-1], drives[-1:], of_roads(augmented), **options)
+    return since(outcome_of(found), baseline)
+
+
+def test_what_earlier_drives_showed_is_no_change(augmented, baseline):
+    """An offset of the steering that was there before is learnt, and nothing has changed."""
+    assert {h.name for h in baseline.added} & {"steering_offset", "tyre_force_offset"}  # the same, straight ahead
+    recordings = [driven(i + 50, ["steering_offset"], steering_offset=2e-3) for i in range(2)]
+    outcome = searched(augmented, baseline, recordings)
+    assert outcome.verdict == "adequate"
+    assert outcome.changes == ()
+
+
+def test_a_change_is_the_difference_with_an_interval_that_holds_it(augmented, baseline):
+    """The offset grows by a milliradian; the answer is that, and not the three milliradians that there are."""
+    recordings = [driven(i + 60, ["steering_offset"], steering_offset=3e-3) for i in range(2)]
+    outcome = searched(augmented, baseline, recordings)
+    assert outcome.verdict == "amended"
+    (change,) = [c for c in outcome.changes if c.name == "steering_offset"]
+    low, high = change.interval
+    assert low < 1e-3 < high
+    assert high - low < 1e-3
+    assert "since the baseline" in outcome.answer.lower()
+
+
+def test_one_earlier_drive_is_refused(tmp_path):
+    recording = driven(1, duration=25.0)
+    task = TraceTask(resolve_single(CAR, "test"), [recording], [recording], FREE, (), baseline=(recording,))
+    with pytest.raises(UserError, match="baseline: one recording"):
+        run_trace(task, tmp_path, None)
+
+
+def test_held_parameters_have_the_covariance_of_the_rest_where_one_is_released():
+    """Of two estimates with a correlation of 0.8 one alone is known to its own variance, not to the conditional."""
+    held = HeldParameters(("a", "b"), np.array([[4.0, 1.6], [1.6, 1.0]]))
+    assert held.precision(["a"]) == pytest.approx(np.array([[0.25]]))
+    assert held.precision(["a", "b"]) == pytest.approx(np.linalg.inv(held.covariance), rel=1e-6)
+
+
+def test_the_joint_prior_pulls_a_fit_and_counts_in_its_information(augmented, baseline):
+    """Far from what was learnt the penalty is that of the normal density, by its own formula."""
+    later = baseline.augmented
+    moved = [c for c in coordinates(later, (), (), 1) if c.held]
+    assert {c.name for c in moved} == set(later.held.names)
+    joint = later.joint_prior(moved)
+    stated = later.stated()
+    slopes = np.array([c.slope(c.coordinate(stated[c.rows[0]])) for c in moved])
+    order = [later.held.names.index(c.name) for c in moved]
+    expected = later.held.covariance[np.ix_(order, order)] / np.outer(slopes, slopes)
+    deviations = np.sqrt(np.diagonal(np.linalg.pinv(joint, 1e-13, hermitian=True)))
+    assert deviations == pytest.approx(np.sqrt(np.diagonal(expected)), rel=0.05)
+
+
+def test_the_score_of_a_right_model_varies_as_its_information_says(augmented):
+    drives = [augmented.drive(driven(i + 70), f"drive {i}") for i in range(3)]
+    fitting = Fitting(augmented, drives, first_variances(augmented, drives))
+    fitted = fitting.fit(coordinates(augmented, FREE, (), 3), fitting.first(), 10)
+    ratio = np.trace(np.linalg.solve(fitting.information(fitted), fitting.score_covariance(fitted))) / len(FREE)
+    assert 0.3 < ratio < 2.5
+    wrong = dataclasses.replace(fitted, point=dataclasses.replace(fitted.point, values=_softer(augmented, fitted)))
+    worse = np.trace(np.linalg.solve(fitting.information(wrong), fitting.score_covariance(wrong))) / len(FREE)
+    assert worse > 3 * ratio
+
+
+def _softer(augmented, fitted: FittedHypothesis):
+    values = fitted.point.values.copy()
+    values[augmented.row("stiffness_peak_front")] *= 0.8
+    return values
+
+
+def test_block_sums_put_a_short_rest_into_the_last_block():
+    time = np.arange(0.0, 12.0, 1.0)
+    assert block_sums(np.ones((12, 1)), time)[:, 0].tolist() == [5.0, 7.0]
