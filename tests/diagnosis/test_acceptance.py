@@ -25,6 +25,10 @@ from harness.diagnosis.selection.selection_round import SelectionRound
 from harness.diagnosis.selection.validation import Judgement, leaves_nothing, predicts_better
 
 
+def judged_plainly(mse, likelihood):
+    return SimpleNamespace(normalised_excess_mse=mse, log_likelihood=likelihood, discrepancy=False)
+
+
 def passing(name, excess, allowed=0.0, random=False, bic=1000.0):
     hypothesis = SimpleNamespace(name=name, random=random)
     held_out = Judgement(0.0, np.zeros(1), np.array([excess]), (), None, -0.5 * (allowed + excess))
@@ -111,9 +115,7 @@ def test_coloured_innovations_are_no_amendment_whatever_was_named():
 
 def test_an_effect_that_leaves_the_error_to_another_one_is_hopeful():
     def candidate(name, bic, normalised_excess_mse, likelihood=5000.0):
-        held_out = SimpleNamespace(
-            normalised_excess_mse=normalised_excess_mse, log_likelihood=likelihood, discrepancy=False
-        )
+        held_out = judged_plainly(normalised_excess_mse, likelihood)
         score = SimpleNamespace(response=(np.ones(1),), excited=True)
         return SimpleNamespace(
             hypothesis=Hypothesis(name, "effect", ()),
