@@ -9,6 +9,7 @@ import pytest
 from harness.common.statistics import Interval
 from harness.diagnosis.fitting import ParameterPoint
 from harness.diagnosis.model.hypotheses import Hypothesis
+from harness.diagnosis.result.claims import verdict_of
 from harness.diagnosis.selection import selection_round, validation
 from harness.diagnosis.selection.acceptance import ends_at_bound, implausible
 from harness.diagnosis.selection.posterior import Alike, ComparedModel, Posterior
@@ -127,3 +128,26 @@ def test_what_is_large_by_nature_is_fitted_from_there_before_an_implausible_valu
     tried.fit_large()
     assert begun == ([((LIFTED,), [1000.0, 5000.0, 0.99])] if fitted else [])
     assert (LIFTED in tried.fits) == fitted
+
+
+def test_a_hundredth_of_the_first_error_is_nothing_that_is_missing():
+    failed = SimpleNamespace(added=None, candidates=(SimpleNamespace(fitted=object(), bic=78.0),))
+    plain = SimpleNamespace(coordinates=())
+    found = SimpleNamespace(unmodelled=None, random_process=None)
+
+    def named(before, after):
+        judged = [Judgement(0.0, np.zeros(1), np.array([excess]), (), None) for excess in (before, after)]
+        return SimpleNamespace(
+            discrepancy=(),
+            effects=("lifted_axle",),
+            rounds=(failed,),
+            before=judged[0],
+            after=judged[1],
+            final=plain,
+            cut_short="",
+            added=(),
+        )
+
+    assert verdict_of(named(177.0, 0.06), found, False) == "amended"
+    assert verdict_of(named(4.0, 0.06), found, False) == "unresolved"
+    assert verdict_of(named(4.0, 0.05), found, False) == "amended"  # within the noise of the sensors
