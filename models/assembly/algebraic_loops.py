@@ -19,8 +19,8 @@ from harness.models.assembly.model import symbol
 _STEPS = 2
 
 
-def solve_loops(ports: Mapping[str, sp.Expr], loops: Collection[str]) -> dict[str, sp.Expr]:
-    """Return ports in which those that depend on themselves follow from earlier ones.
+def solve_loops(ports: Mapping[str, sp.Expr], loops: Collection[str]) -> list[dict[str, sp.Expr]]:
+    """Return for each port that depends on itself the ports by which it follows from others, itself last.
 
     Args:
         ports: By name, in any order.
@@ -29,7 +29,7 @@ def solve_loops(ports: Mapping[str, sp.Expr], loops: Collection[str]) -> dict[st
     Raises:
         ModelError: If one of them depends on another and that on it.
     """
-    solved = dict(ports)
+    solved: list[dict[str, sp.Expr]] = []
     for name in loops:
         around = _around(ports, name)
         if not around:
@@ -37,13 +37,13 @@ def solve_loops(ports: Mapping[str, sp.Expr], loops: Collection[str]) -> dict[st
         entangled = next((port for port in around if port in loops and port != name), None)
         if entangled:
             raise ModelError(f"'{name}' and '{entangled}' depend on each other; leave out the effect of one of them")
-        value, slope = _value_and_slope(around, name)
-        at: sp.Expr = sp.Integer(0)
+        steps, at = dict[str, sp.Expr](), sp.Integer(0)
         for k in range(1, _STEPS + 1):
-            here = {symbol(name): at}
+            value, slope = _value_and_slope(around, name, at)
             after = name if k == _STEPS else f"{name}_before_step_{k + 1}"
-            solved[after] = at - (at - value.xreplace(here)) / (1 - slope.xreplace(here))
+            steps[after] = at - (at - value) / (1 - slope)
             at = symbol(after)
+        solved.append(steps)
     return solved
 
 
@@ -79,9 +79,9 @@ def _around(ports: Mapping[str, sp.Expr], name: str) -> dict[str, sp.Expr]:
     return around
 
 
-def _value_and_slope(around: Mapping[str, sp.Expr], name: str) -> tuple[sp.Expr, sp.Expr]:
-    """Return the definition of a port as a function of itself, and its derivative."""
-    written: dict[sp.Symbol, sp.Expr] = {}
+def _value_and_slope(around: Mapping[str, sp.Expr], name: str, at: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
+    """Return the definition of a port as a function of itself at a value, and its derivative."""
+    written: dict[sp.Symbol, sp.Expr] = {symbol(name): at}
     slopes: dict[sp.Symbol, sp.Expr] = {symbol(name): sp.Integer(1)}
     for port, expr in around.items():
         inner = sorted(expr.free_symbols & slopes.keys(), key=str)

@@ -8,7 +8,7 @@ cycle is refused.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from types import ModuleType
 
@@ -300,7 +300,8 @@ class Builder:
                     f"{owner} reads '{name}', which nothing provides{registry.closest(name, sorted(readable))}"
                 )
         self._check_symbols(readable)
-        self.ports = solve_loops(self.ports, self._loops)
+        solved = solve_loops(self.ports, self._loops)
+        self.ports |= {name: expr for steps in solved for name, expr in steps.items()}
         reads_time = any(symbol("time") in e.free_symbols for e in [*self.ports.values(), *equations.values()])
         tyre_name = "" if self.tyre_file is None else "+" + components.name_of(self.tyre_file)
         return StateSpaceModel(
@@ -308,7 +309,7 @@ class Builder:
             states=tuple(self.states),
             inputs=tuple([*self.inputs, "time"] if reads_time else self.inputs),
             parameters=tuple(self.parameters.values()),
-            ports=self._optional(_in_order_of_use(self.ports, self.vehicle_name)),
+            ports=self._optional(_in_order_of_use(self.ports, self.vehicle_name), set().union(*solved)),
             derivatives=tuple(equations[s] for s in self.states),
             outputs=output_expressions,
             valid=dict(self.vehicle.VALID),
@@ -321,23 +322,25 @@ class Builder:
             discrete=discrete,
             noise=dict(self.noise),
             flags=dict(self.flags),
+            solved=tuple(map(tuple, solved)),
             bodies=dict(self._bodies),
             further=further,
         )
 
-    def _optional(self, ports: dict[str, sp.Expr]) -> dict[str, sp.Expr]:
+    def _optional(self, ports: dict[str, sp.Expr], solved: Collection[str]) -> dict[str, sp.Expr]:
         """Let ports that only effects make vary, such as an axle's load, be the constants they are without them."""
         if not self.flags:
             return ports
         parameters = {symbol(n) for n in self.parameters}
         fixed: dict[sp.Symbol, sp.Expr] = {}
         flags: dict[sp.Symbol, set[sp.Symbol]] = {}
-        guarded: dict[str, sp.Expr] = {}
+        guarded = dict(ports)
         for name, expr in ports.items():
+            if name in solved:  # read where its effect is there
+                continue
             own = {c.args[0] for c in expr.atoms(present)}
             flags[symbol(name)] = own.union(*(flags.get(s, set()) for s in expr.free_symbols))
             without = expr.replace(present, lambda flag, with_effect, without: without).xreplace(fixed)
-            guarded[name] = expr
             if without.free_symbols <= parameters:
                 fixed[symbol(name)] = without
                 if flags[symbol(name)] and name not in self._named:

@@ -85,6 +85,7 @@ class StateSpaceModel:
         noise: Variance per second of the process noise that a state of an effect has by its definition.
         flags: Of a model whose effects may be absent (``harness.models.assembly.expressions.present``): a flag for each
             effect and place, which is set if one of these parameters is not at its neutral value.
+        solved: Ports of each algebraic loop that solve it, step by step.
         estimated: Port that holds the present value of a parameter that is a state, or follows from one.
         within: States of parameters, which are the last ones, each brought within the bounds of its parameter.
         considered: Those of them whose uncertainty is reckoned with and whose value is left alone.
@@ -112,6 +113,7 @@ class StateSpaceModel:
     discrete: bool = False
     noise: dict[str, float] = field(default_factory=dict)
     flags: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    solved: tuple[tuple[str, ...], ...] = ()
     estimated: dict[str, str] = field(default_factory=dict)
     within: dict[str, sp.Expr] = field(default_factory=dict)
     considered: tuple[str, ...] = ()

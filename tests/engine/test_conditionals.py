@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from harness.engine.codegen import conditionals
+from harness.engine.codegen import conditionals, printer
 from harness.engine.codegen.derivatives import derive
 from harness.engine.codegen.printer import text
 from harness.engine.compile import compile_model
@@ -150,3 +150,13 @@ def test_constants_stay_constants_where_only_effects_make_them_vary() -> None:
     assert chosen
     assert all(e.args[2].free_symbols <= {*eqs.constants} for e in chosen if "lateral_load" in e.args[0].name)
     assert always
+
+
+def test_what_solves_a_loop_stands_in_one_branch_and_gives_nothing_to_others() -> None:
+    """The compliance of the steering solves the force of an axle whose own effects read the same."""
+    files = ("body_roll", "steering_compliance", "tyre_relaxation")
+    eqs = derive(assemble("car", "magic_formula", files, optional=True), jacobians=False)
+    code = printer.kernel(eqs, "derivative", "x, u, c, dx", printer.vector("dx", eqs.derivatives)).splitlines()
+    conditions = [line.partition("#")[2].split() for line in code if "  # " in line]
+    assert conditions.count(["has_steering_compliance"]) == 1
+    assert not [c for c in conditions if "has_steering_compliance" in c and len(c) > 1]

@@ -183,8 +183,13 @@ def _named_ports(model: StateSpaceModel, wanted: Sequence[sp.Expr]) -> Straight:
     roots = [without_tangents(expr) for expr in wanted]
     named |= tangents
     symbols = sp.numbered_symbols("s_", real=True)
+    assignments: dict[sp.Symbol, sp.Expr] = {}
+    for steps in model.solved:  # shares nothing with what is computed where it is not solved
+        loop = {symbol(name): named.pop(symbol(name)) for name in steps}
+        shared, reduced = sp.cse([*loop.values()], symbols=symbols, order="none")
+        assignments |= dict(shared) | dict(zip(loop, reduced, strict=True))
     shared, reduced = sp.cse([*named.values(), *roots], symbols=symbols, order="none")
-    assignments = dict(shared) | dict(zip(named, reduced, strict=False))
+    assignments |= dict(shared) | dict(zip(named, reduced, strict=False))
     return needed(assignments, reduced[len(named) :]), reduced[len(named) :]
 
 
