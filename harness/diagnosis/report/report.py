@@ -158,6 +158,12 @@ def _breakable(equation: str) -> str:
 
 
 def _rounds(outcome: Outcome) -> list[Block]:
+    asked = (
+        f"{style.percent(ERROR_NEEDED)} less simulation error there beyond the noise of sensors and inputs; an error "
+        "within that noise has to stay there"
+    )
+    if outcome.trace.discrepancy:
+        asked = "a simulation error there that does not grow, over the noise of sensors and inputs"
     blocks: list[Block] = [
         Prose(
             plain(
@@ -165,8 +171,7 @@ def _rounds(outcome: Outcome) -> list[Block]:
                 "predicts a gain for each; those that promise half of the best are fitted jointly with the nominal "
                 "parameters. An addition "
                 f"needs {BIC_NEEDED:.0f} units of BIC on the fitted drives, a higher likelihood of the held-out "
-                f"drives, and {style.percent(ERROR_NEEDED)} less simulation error there beyond the noise of "
-                "sensors and inputs; an error within that noise has to stay there."
+                f"drives, and {asked}."
             )
         ),
     ]

@@ -49,8 +49,13 @@ def since(outcome: Outcome, baseline: Baseline) -> Outcome:
     """Return an outcome that says what changed since a baseline."""
     changes = changes_of(outcome, baseline)
     verdict = _verdict(outcome, baseline)
+    errors = {c.name: c.std for c in changes}
+    values = {
+        name: tuple(replace(v, std=errors.get(v.name, v.std)) for v in own) for name, own in outcome.values.items()
+    }
     return replace(
         outcome,
+        values=values,
         baseline=baseline,
         changes=changes,
         verdict=verdict,

@@ -30,7 +30,7 @@ from harness.diagnosis.model.hypotheses import (
 )
 from harness.diagnosis.selection.acceptance import Candidate, distinct
 from harness.diagnosis.selection.candidate_fits import Added, CandidateFits, Say
-from harness.diagnosis.selection.discrepancy import MEMORIES, starts
+from harness.diagnosis.selection.discrepancy import likeliest_memory
 from harness.diagnosis.selection.forward_selection import first_variances
 from harness.diagnosis.selection.selection_round import SelectionRound
 from harness.diagnosis.selection.validation import HeldOut, Judgement
@@ -137,7 +137,7 @@ def learnt(
 
     fits = fits_of(drives[:-1])
     say("baseline: fitting the nominal model")
-    best = fits.fit((), fits.fitting.best(starts(augmented, fits.fitting.first(), MEMORIES)), 25)
+    best = likeliest_memory(fits, (), fits.fitting.first())
     added, best = _grown(fits, (), best)
     say("baseline: fitting all of its drives")
     judged, whole = fits.judge(added, best.point), fits_of(drives)

@@ -43,6 +43,20 @@ def starts(augmented: AugmentedModel, point: ParameterPoint, memories: Sequence[
     return points
 
 
+def likeliest_memory(fits: CandidateFits, added: Added, point: ParameterPoint) -> FittedHypothesis:
+    """Return a model fitted with a discrepancy of the likeliest of the correlation times.
+
+    Args:
+        fits: Fits of models with a discrepancy.
+        added: What the model has.
+        point: Of the model without discrepancy.
+    """
+    each = [fits.fitting.best(starts(fits.augmented, point, [memory])) for memory in MEMORIES]
+    fitted = [fits.fit(added, start, turns=1) for start in each]
+    best = max(fitted, key=lambda f: f.objective)
+    return fits.fit(added, best.point, afresh=False)
+
+
 def with_discrepancy(fits: CandidateFits, added: Added, fitted: FittedHypothesis) -> FittedHypothesis | None:
     """Return a model fitted with a discrepancy; ``None`` where that is not worth it.
 
@@ -55,8 +69,7 @@ def with_discrepancy(fits: CandidateFits, added: Added, fitted: FittedHypothesis
         fitted: Its fit without discrepancy.
     """
     fits.say("does the model leave out what no effect of the library holds?")
-    start = fits.fitting.best(starts(fits.augmented, fitted.point, MEMORIES))
-    whole = fits.fit(added, start, afresh=False)
+    whole = likeliest_memory(fits, added, fitted.point)
     count = sum(len(h.amplitudes) for h in fits.always) + 1
     likelier = fits.bic(whole.objective - fitted.objective, count) >= BIC_NEEDED
     before, after = (fits.judge(added, f.point).log_likelihood for f in (fitted, whole))
