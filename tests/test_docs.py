@@ -14,6 +14,7 @@ import typer
 
 from harness.cli.main import app
 from harness.common import components, locations
+from harness.models.roles import EFFECTS
 
 ROOT = Path(__file__).parents[1]
 TOPS = ("harness", "models", "reproductions", "tests", "bench", "docs", "studies")
@@ -205,3 +206,9 @@ def test_what_does_not_exist_is_found(text, problem):
 def test_what_exists_is_passed_over():
     text = "`harness/study/run.py`, `harness.config.load_study`, `harness run x -j 2`, [keys](docs/studies.md#keys)"
     assert wrong("README.md", text) == []
+
+
+def test_the_table_of_effects_lists_each_of_them_once():
+    page = (ROOT / "docs/effects.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| [^|`]+ \| (`.*`) \|$", page, re.MULTILINE)
+    assert sorted(name for row in rows for name in SPAN.findall(row)) == sorted(EFFECTS.names())
