@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import ModuleType
 from typing import Protocol
 
 import sympy as sp
@@ -25,6 +26,8 @@ class PartialModel(Protocol):
         states: Names of the states so far.
         ports: Definitions of the ports published so far.
         parameters: Those declared so far.
+        effects: All effects by name.
+        optional: Whether each of them may be absent.
     """
 
     vehicle_name: str
@@ -32,6 +35,8 @@ class PartialModel(Protocol):
     states: list[str]
     ports: dict[str, sp.Expr]
     parameters: dict[str, Parameter]
+    effects: dict[str, ModuleType]
+    optional: bool
 
     def note_read(self, owner: str, name: str) -> None:
         """Remember that ``owner`` reads ``name``."""
@@ -162,6 +167,20 @@ class EffectContext(_Reader):
     def at_axle(self, stem: str) -> sp.Symbol:
         """Read ``<stem>_axle_<axle>`` of the site's axle."""
         return self.read(f"{stem}_axle_{self.site.axle}")
+
+    def of_effect(self, file: str, stem: str, otherwise: sp.Expr | float) -> sp.Expr | float:
+        """Return a state or parameter that another effect has for the site's body, where it acts on that body.
+
+        Args:
+            file: The other effect, one of bodies.
+            stem: Of the name of the state or parameter.
+            otherwise: What is returned where it does not act.
+        """
+        body, effects = self.site.body, self._builder.effects
+        if file not in effects and f"{file}@{body}" not in effects:
+            return otherwise
+        own = self.at_body(stem)
+        return present(symbol(f"has_{file}{suffix(body)}"), own, otherwise) if self._builder.optional else own
 
     def provides(self, name: str) -> bool:
         """Whether the vehicle or the tyre has published a state or port, or declared a parameter, so far."""

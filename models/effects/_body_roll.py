@@ -32,17 +32,19 @@ def roll_frequency(name: str) -> Parameter:
     return Parameter(name, r"\omega_R", "rad/s", *FREQUENCIES, "frequency of the roll", grid=GRID)
 
 
-def leaning(e: EffectContext, states: tuple[str, ...], frequency: str, damping: sp.Expr | None = None) -> sp.Symbol:
+def leaning(
+    e: EffectContext, states: tuple[str, ...], frequency: sp.Expr | float, damping: sp.Expr | float = ROLL_DAMPING
+) -> sp.Symbol:
     """Return the lateral acceleration of the site's body as its roll has followed it.
 
     Args:
         e: Of the effect.
         states: The effect's two states for it: what leans, and its rate.
-        frequency: Name of the effect's parameter.
-        damping: Damping ratio; ``ROLL_DAMPING`` by default.
+        frequency: In rad/s.
+        damping: Damping ratio.
     """
     leant, rate = (e.state(name) for name in states)
-    omega, zeta = e.p(frequency), ROLL_DAMPING if damping is None else damping
     e.derivative(states[0], rate)
-    e.derivative(states[1], omega**2 * (e.at_body("lateral_acceleration") - leant) - 2 * zeta * omega * rate)
+    pull = frequency**2 * (e.at_body("lateral_acceleration") - leant)
+    e.derivative(states[1], pull - 2 * damping * frequency * rate)
     return leant

@@ -31,5 +31,5 @@ PARAMETERS: tuple[Parameter, ...] = (
 
 def apply(e: EffectContext, value: sp.Expr) -> sp.Expr:
     """Add the part of gravity that the sensor measures."""
-    lean = e.p("roll_gain") * _body_roll.leaning(e, STATES, "roll_frequency")
+    lean = e.p("roll_gain") * _body_roll.leaning(e, STATES, e.p("roll_frequency"))
     return value * sp.cos(lean) + _gravity.GRAVITY * sp.sin(lean)

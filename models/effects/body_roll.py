@@ -4,8 +4,8 @@ The equations of motion stay those of the CoG. The axles' lateral velocity is th
 the height of the CoG above it times the roll rate, and that makes slip. In terms of the mass ``m_s`` at ``h`` above the
 roll axis, the inertia ``J`` about it and stiffness ``K`` less that of the weight (``_body_roll``): ``k_R = m_s h / K``,
 ``k_S = k_R h m_s / m``. The accelerometer is at the height of the CoG and leans with it. Products of roll angle and
-yaw rate, inclined roll axes and roll moments of the coupling are left out, as is the load that moves
-(``lateral_load_transfer``, quasi-static); ``roll_steer`` has a roll of its own.
+yaw rate, inclined roll axes and roll moments of the coupling are left out. ``lateral_load_transfer`` and ``roll_steer``
+of the body's axles follow its roll.
 
 Equation: $\alpha \to \alpha - k_S\dot a_R/v_x,$ $y \to a_y\cos\varphi+g\sin\varphi,$ $\varphi=k_R a_R,$
 $\ddot a_R=\omega_R^2(a_y-a_R)-2\zeta_R\omega_R\dot a_R$.
@@ -46,7 +46,7 @@ def apply(e: EffectContext, value: sp.Expr) -> sp.Expr:
     """Move the axles sideways under the CoG, or add the part of gravity that the sensor measures."""
     if e.provides("roll_angle"):
         raise e.refuse("its body rolls already")
-    leant = _body_roll.leaning(e, STATES, "body_roll_frequency", e.p("body_roll_damping"))
+    leant = _body_roll.leaning(e, STATES, e.p("body_roll_frequency"), e.p("body_roll_damping"))
     if e.site.axle:
         return value - e.p("body_roll_sway") * e.state(STATES[1]) / larger(e.body.speed, SLOWEST)
     lean = e.p("body_roll_gain") * leant

@@ -2,7 +2,8 @@ r"""In a bend the outer wheel gains less grip than the inner one loses, so the a
 
 Pacejka 2012, 1.2.2: with a tyre that is degressive in its load, transferring the share ``zeta`` of the load costs the
 axle a part of about ``zeta^2``; ``zeta`` is in proportion to the lateral acceleration. That is taken as yaw rate times
-speed, which needs no tyre force and so makes no algebraic loop; ``1 / (1 + k x^2)`` stays positive in any bend.
+speed, which needs no tyre force and so makes no algebraic loop; ``1 / (1 + k x^2)`` stays positive in any bend. Where
+``body_roll`` acts on the body, the load follows its roll: what leans there stands in place of it.
 
 Equation: $D,\ C_F \;\to\; \frac{D,\ C_F}{1+k_y\,(v_x\dot\psi/g)^2}$.
 
@@ -32,4 +33,5 @@ PARAMETERS: tuple[Parameter, ...] = (
 
 def apply(e: EffectContext, value: sp.Expr) -> sp.Expr:
     """Reduce capacity or stiffness."""
-    return value / (1 + e.p("lateral_transfer_loss") * (e.body.centripetal_acceleration / _gravity.GRAVITY) ** 2)
+    transferring = e.of_effect("body_roll", "body_leaning", e.body.centripetal_acceleration)
+    return value / (1 + e.p("lateral_transfer_loss") * (transferring / _gravity.GRAVITY) ** 2)

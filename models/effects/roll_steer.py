@@ -1,7 +1,8 @@
 r"""Body roll steers an axle through its suspension: a steer angle in proportion to how far the body leans.
 
 Pacejka 2012, 1.2.2, there quasi-steady; here the body leans behind its lateral acceleration as its springs and dampers
-let it. Positive steers into the bend.
+let it. Positive steers into the bend. Where ``body_roll`` acts on the body, its frequency and damping hold, so that the
+axle follows the angle of the body.
 
 Equation: $\alpha \to \alpha + \varepsilon_R\,a_R,$ $\ddot a_R=\omega_R^2(a_y-a_R)-0.8\,\omega_R\dot a_R$.
 
@@ -29,4 +30,6 @@ PARAMETERS: tuple[Parameter, ...] = (
 
 def apply(e: EffectContext, value: sp.Expr) -> sp.Expr:
     """Turn the axle's wheels into the bend."""
-    return value + e.p("roll_steer") * _body_roll.leaning(e, STATES, "roll_steer_frequency")
+    frequency = e.of_effect("body_roll", "body_roll_frequency", e.p("roll_steer_frequency"))
+    damping = e.of_effect("body_roll", "body_roll_damping", _body_roll.ROLL_DAMPING)
+    return value + e.p("roll_steer") * _body_roll.leaning(e, STATES, frequency, damping)

@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 from harness.common.errors import ModelError
+from harness.engine.compile import compile_model
+from harness.engine.kernel_names import LANES
+from harness.models.assembly.assemble import assemble
 from support.effects import VALUES, G, built, look, point, values
 from support.numeric import euler, evaluator
 
@@ -98,3 +101,41 @@ def test_each_body_of_a_truck_rolls_by_itself_and_moves_its_own_axles():
 def test_a_car_that_rolls_already_is_refused():
     with pytest.raises(ModelError, match="rolls already"):
         built("car_two_track", ("body_roll",))
+
+
+def test_roll_steer_and_load_transfer_follow_a_body_that_rolls():
+    """The axle's own states begin and move as those of the body; the transfer is that of what leans, not of ``v w``."""
+    files = ("body_roll", "roll_steer", "lateral_load_transfer")
+    model = built("car", files)
+    transfer = {f"lateral_transfer_loss_{axle}": 0.5 for axle in ("front", "rear")}
+    steer = {"roll_steer_rear": 0.002, "roll_steer_frequency_rear": 2.0, "roll_steer_frequency_front": 2.0}
+    numbers = values(model, "car", **own(), **transfer, **steer)
+    x, u = point(model, speed=SPEED, steering_wheel_angle=0.4)
+    run = euler(evaluator(model, numbers), x, np.tile(u, (1000, 1)), 1e-3)
+    column = {name: run[:, model.states.index(name)] for name in model.states}
+    assert np.abs(column["body_leaning"]).max() > 1.0
+    np.testing.assert_array_equal(column["roll_steer_leaning_rear"], column["body_leaning"])
+    names = tuple(f"lateral_force_capacity_axle_{axle}" for axle in ("front", "rear"))
+    plain = look("car", ("body_roll",), names, own())
+    late = look("car", files, names, {**own(), **transfer, **steer}, body_leaning=3.0, yaw_rate=0.4)
+    assert late == pytest.approx(np.array(plain) / (1 + 0.5 * (3.0 / G) ** 2))
+
+
+def test_what_may_be_absent_takes_the_roll_of_the_body_where_it_is_there():
+    parts = ("car", "magic_formula", ("body_roll", "roll_steer", "lateral_load_transfer"), "car_navigation")
+    stated, optional = assemble(*parts), compile_model(assemble(*parts, optional=True), jacobians=False)
+    shapes = {"roll_steer_frequency_rear": 3.0, "roll_steer_frequency_front": 3.0, **own()}
+    there = {**shapes, "lateral_transfer_loss_rear": 0.5, "roll_steer_rear": 0.002, "roll_steer_front": 0.001}
+    alone = {**there, "body_roll_gain": 0.0, "body_roll_sway": 0.0}
+    without = assemble(parts[0], parts[1], parts[2][1:], parts[3])
+    at = {"body_leaning": 3.0, "body_leaning_rate": 0.5, "yaw_rate": 0.3, "roll_steer_leaning_rear": 2.0}
+    for numbers, reference in ((there, stated), (alone, without)):
+        numbers = values(optional.model, "car", **numbers)
+        x, u = point(optional.model, **at)
+        work = np.empty((optional.nw, LANES))
+        following = np.empty((optional.nx, LANES))
+        lanes = [np.repeat(part[:, None], LANES, axis=1) for part in (x, u, optional.parameter_vector(numbers))]
+        optional.kernels.next_state(lanes[0], lanes[1], optional.constants(lanes[2]), following, work)
+        rate = dict(zip(optional.model.states, (following[:, 0] - x) / 0.01, strict=True))
+        wanted = evaluator(reference, {n: numbers[n] for n in reference.parameter_names})(*point(reference, **at))
+        assert [rate[n] for n in reference.states] == pytest.approx(wanted, rel=1e-9, abs=1e-9)
