@@ -68,8 +68,9 @@ class Parameter:
         shared: Of an effect with places: one parameter for all of them.
         grid: Values to start from where the likelihood says nothing about the parameter at the neutral value of
             the effect, or has several maxima.
-        natural: Of an effect that is large where it is there at all: values that it has then. The likelihood about the
-            neutral value says little of them, so a fit starts there as well before anything implausible is believed.
+        natural: Of what is far from usual where it is so at all, an axle that is up or a road that is wet: values that
+            it has then. The likelihood about the neutral value says little of them, so a fit starts there as well
+            before anything implausible is believed.
         per_drive: A time in a drive: each drive has its own, searched over its duration.
         numerical: Of how the equations are solved, not of the vehicle: no measurement determines it.
         late: Input whose channel is late by so much, in s, where the parameter is negative. What has a whole recording

@@ -31,7 +31,7 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter("yaw_inertia", "J", "kg*m^2", 1e-3, 2e4, "yaw inertia"),
     Parameter("cog_to_front_axle", "l_f", "m", 0.02, 4.0, "CoG to the front axle"),
     Parameter("cog_to_rear_axle", "l_r", "m", 0.02, 4.0, "CoG to the rear axle"),
-    Parameter("friction", r"\mu", "dimensionless", 0.05, 2.0, "largest friction of the tyres"),
+    Parameter("friction", r"\mu", "dimensionless", 0.05, 2.0, "largest friction of the tyres", natural=(0.3, 0.6)),
     Parameter("steering_ratio", r"i_\mathrm{L}", "dimensionless", 0.5, 40.0, "steering wheel over road wheel angle"),
     Parameter("reference_from_cog", "x_R", "m", -4.0, 4.0, "reference point of the lateral velocity ahead of the CoG"),
     LOWEST_SPEED,

@@ -81,7 +81,9 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter("axle_22_from_rear", r"b_{22,\mathrm{RW}}", "m", 0.0, 20.0, "rear wall to the second trailer axle"),
     Parameter("axle_23_from_rear", r"b_{23,\mathrm{RW}}", "m", 0.0, 20.0, "rear wall to the third trailer axle"),
     Parameter("trailer_cog_from_rear", r"x_\mathrm{CoG}", "m", 0.5, 24.0, "rear wall to the CoG of the trailer"),
-    Parameter("friction", r"\mu_\mathrm{max}", "dimensionless", 0.05, 1.5, "largest friction, all axles"),
+    Parameter(
+        "friction", r"\mu_\mathrm{max}", "dimensionless", 0.05, 1.5, "largest friction, all axles", natural=(0.3, 0.6)
+    ),
     Parameter("relaxation_length_11", r"\ell_{R11}", "m", 0.01, 2.0, "relaxation length, tractor front"),
     Parameter("relaxation_length_12", r"\ell_{R12}", "m", 0.01, 2.0, "relaxation length, tractor rear"),
     Parameter("relaxation_length_2", r"\ell_{R2}", "m", 0.01, 2.0, "relaxation length, trailer axles"),

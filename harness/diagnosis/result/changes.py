@@ -14,6 +14,7 @@ from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, rando
 from harness.diagnosis.result.answer import Change, in_words
 from harness.diagnosis.result.claims import Verdict
 from harness.diagnosis.result.outcome import Outcome
+from harness.diagnosis.selection.acceptance import ends_at_bound
 from harness.diagnosis.selection.baseline import Baseline
 from harness.models.assembly.placement import split
 from harness.models.quantities import listed, print_unit, words
@@ -66,10 +67,12 @@ def since(outcome: Outcome, baseline: Baseline) -> Outcome:
 def _verdict(outcome: Outcome, baseline: Baseline) -> Verdict:
     """Return whether nothing changed, what changed was named, or something changed that has no name here.
 
-    Something has no name if the error on the held-out drives is beyond twice what the baseline left of its own.
+    Something has no name if the error on the held-out drives is beyond twice what the baseline left of its own, or if
+    what was named ended at a bound of what is possible and so stands for something else.
     """
     trace = outcome.trace
-    if trace.cut_short:
+    bounds = ends_at_bound(trace.fitting.augmented.model.parameters, trace.final, trace.added)
+    if trace.cut_short or bounds:
         return "unresolved"
     if trace.added:
         return "amended"
