@@ -156,7 +156,9 @@ def _of_sensor(s: Signal) -> list[Signal]:
 def _leaning(s: Signal) -> list[Signal]:
     """Return the states of a leaning accelerometer."""
     return [
-        Signal(f"leaning_{s.name}", s.symbol, s.unit, s.report_unit, s.frame, f"{s.name} behind the roll of the body"),
+        Signal(
+            f"leaning_{s.name}", s.symbol, s.unit, s.report_unit, s.frame, f"{s.name} behind roll or pitch of the body"
+        ),
         Signal(f"leaning_rate_{s.name}", s.symbol, "m/s^3", "m/s^3", s.frame, "time derivative of the same"),
     ]
 
@@ -295,7 +297,8 @@ _ROWS += [
     if any(word in s.name for word in _MEASURED) or s.name.startswith("lateral_force_axle")
     for row in _of_sensor(s)
 ]
-_ROWS += [row for s in list(_ROWS) if s.name.startswith("lateral_acceleration") for row in _leaning(s)]
+_LEANING = ("lateral_acceleration", "longitudinal_acceleration")
+_ROWS += [row for s in list(_ROWS) if s.name.startswith(_LEANING) for row in _leaning(s)]
 
 
 class SignalTable(Mapping[str, Signal]):

@@ -33,18 +33,23 @@ def roll_frequency(name: str) -> Parameter:
 
 
 def leaning(
-    e: EffectContext, states: tuple[str, ...], frequency: sp.Expr | float, damping: sp.Expr | float = ROLL_DAMPING
+    e: EffectContext,
+    states: tuple[str, ...],
+    frequency: sp.Expr | float,
+    damping: sp.Expr | float = ROLL_DAMPING,
+    acceleration: str = "lateral_acceleration",
 ) -> sp.Symbol:
-    """Return the lateral acceleration of the site's body as its roll has followed it.
+    """Return an acceleration of the site's body as its roll, or its pitch, has followed it.
 
     Args:
         e: Of the effect.
         states: The effect's two states for it: what leans, and its rate.
         frequency: In rad/s.
         damping: Damping ratio.
+        acceleration: The port, by its stem.
     """
     leant, rate = (e.state(name) for name in states)
     e.derivative(states[0], rate)
-    pull = frequency**2 * (e.at_body("lateral_acceleration") - leant)
+    pull = frequency**2 * (e.at_body(acceleration) - leant)
     e.derivative(states[1], pull - 2 * damping * frequency * rate)
     return leant

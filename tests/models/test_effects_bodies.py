@@ -114,6 +114,19 @@ def test_a_leaning_accelerometer_reads_more_in_a_bend_and_settles_in_time():
     assert moved["leaning_rate_lateral_acceleration"] == pytest.approx(0.0, abs=1e-9)
 
 
+def test_an_accelerometer_dives_with_the_nose_of_a_car_that_brakes():
+    """Behind the pitch: 4 m/s^2 of braking make 0.02 rad, by which the reading is lower, and the body settles there."""
+    own = {"pitch_gain": 0.005, "pitch_frequency": 8.0}
+    names, braked = ("sensor_longitudinal_acceleration", "longitudinal_acceleration"), {"speed": 15.0}
+    at = {**braked, "leaning_longitudinal_acceleration": -4.0}
+    reading, true = look("car_two_track", ("accelerometer_pitch",), names, own, **at)
+    assert true < -1.0
+    assert reading == pytest.approx(true * np.cos(0.02) - G * np.sin(0.02))
+    still = {**braked, "leaning_longitudinal_acceleration": true}
+    moved = rates("car_two_track", ("accelerometer_pitch",), own, **still)
+    assert moved["leaning_rate_longitudinal_acceleration"] == pytest.approx(0.0, abs=1e-9)
+
+
 @pytest.mark.parametrize(
     ("effect", "state", "sign"), [("brake_pull", "brake_speed", 1), ("drive_pull", "pull_speed", -1)]
 )
