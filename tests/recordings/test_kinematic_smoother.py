@@ -194,6 +194,12 @@ def test_a_constant_signal_has_no_rate():
     assert not found.covariance.any()
 
 
+def test_a_constant_that_arithmetic_has_rounded_is_smoothed():
+    rounded = smoothed(15.0 + np.arange(500) % 13 * np.spacing(15.0), STEP)
+    assert rounded.value == pytest.approx(15.0)
+    assert np.abs(rounded.rate).max() < 1e-9
+
+
 def test_resolution_and_runs():
     rng = np.random.default_rng(1)
     assert resolution_of(np.round(rng.normal(size=500) / 0.05) * 0.05) == pytest.approx(0.05)

@@ -110,7 +110,10 @@ def resolution_of(values: Floats) -> float:
     if len(levels) < _LEVELS:
         return 0.0
     gaps = np.diff(levels)
-    step = gaps[gaps > 1e-9 * np.abs(levels).max()].min()
+    beyond_rounding = gaps[gaps > 1e-9 * np.abs(levels).max()]
+    if not len(beyond_rounding):  # a constant that arithmetic has rounded
+        return 0.0
+    step = beyond_rounding.min()
     multiples = gaps / step
     return float(step) if np.abs(multiples - np.rint(multiples)).max() < 0.05 else 0.0
 
