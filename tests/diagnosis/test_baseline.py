@@ -1,6 +1,7 @@
 """What has changed since a baseline, and the discrepancy that a model is allowed."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,8 +10,8 @@ from harness.common.errors import UserError
 from harness.config import resolve_single
 from harness.diagnosis.fitting import FittedHypothesis, Fitting, KeptFits, block_sums
 from harness.diagnosis.model.augmented_model import HeldParameters
-from harness.diagnosis.model.hypotheses import coordinates, random_processes
-from harness.diagnosis.result.changes import since
+from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, coordinates, random_processes
+from harness.diagnosis.result.changes import _instead, since
 from harness.diagnosis.result.outcome import outcome_of
 from harness.diagnosis.run import TraceTask, run_trace
 from harness.diagnosis.selection.baseline import learnt, of_roads
@@ -51,6 +52,15 @@ def test_a_change_is_the_difference_with_an_interval_that_holds_it(augmented, ba
     assert low < 1e-3 < high
     assert high - low < 1e-3
     assert "since the baseline" in outcome.answer.lower()
+
+
+def test_rivals_of_a_change_are_named_in_words():
+    """The model in which many parameters changed is no model of *parameters*."""
+    rivals = [Hypothesis(name, "effect", ()) for name in (ALL_PARAMETERS, "axle_compliance_steer@rear")]
+    models = [SimpleNamespace(added=[SimpleNamespace(hypotheses=[h])]) for h in rivals]
+    posterior = SimpleNamespace(confusable=lambda: models)
+    said = _instead(SimpleNamespace(posterior=posterior, trace=SimpleNamespace(added=())))
+    assert said.endswith("from many parameters at once and axle compliance steer of rear.")
 
 
 def test_one_earlier_drive_is_refused(tmp_path):

@@ -18,6 +18,7 @@ from harness.models.assembly.placement import (
     split,
     suffix,
 )
+from harness.models.quantities import words
 
 ALL_PARAMETERS = "parameters"
 """Name of the hypothesis that many parameters are wrong at once, each a little."""
@@ -28,11 +29,26 @@ CHANNEL_DELAYS = "channel_delays"
 SENSOR_DRIFTS = "sensor_drifts"
 """Name of the hypothesis that the biases of all gyroscopes wander."""
 
+_JOINT = {
+    ALL_PARAMETERS: "many parameters at once",
+    CHANNEL_DELAYS: "delays of the channels",
+    SENSOR_DRIFTS: "drifts of the gyroscopes",
+}
+"""Names in words of hypotheses that try several things at once."""
+
 OF_ROADS = ("road_bank",)
 """Parameters that are of the road: where they are fitted in any case, every drive has its own."""
 
 _LATE = ("steering_delay", "speed_delay", "sensor_delay")
 """Effects that say so of one channel each."""
+
+
+def called(name: str, place_after: str = ", ") -> str:
+    """Return the name of a hypothesis in words, with the text that stands between an effect and its place."""
+    if name in _JOINT:
+        return _JOINT[name]
+    effect, _, place = name.partition("@")
+    return f"{words(effect)}{place_after}{words(place)}" if place else words(effect)
 
 
 @dataclass(frozen=True)

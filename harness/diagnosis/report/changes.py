@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from harness.diagnosis.report.probabilities import called, scaled
+from harness.diagnosis.model.hypotheses import called
+from harness.diagnosis.report.probabilities import scaled
 from harness.diagnosis.result.answer import in_words
 from harness.diagnosis.result.outcome import Outcome
 from harness.models.quantities import listed, words

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from harness.diagnosis.criteria import BIC_NEEDED
-from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, CHANNEL_DELAYS, SENSOR_DRIFTS, Hypothesis
+from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, called
 from harness.diagnosis.result.answer import Value, in_words
 from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.selection.acceptance import Round
@@ -19,19 +19,6 @@ from harness.reporting import style
 
 SHOWN = 15
 """Hypotheses drawn per round."""
-
-
-def called(name: str) -> str:
-    """Return a hypothesis in words."""
-    several = {
-        ALL_PARAMETERS: "many parameters at once",
-        CHANNEL_DELAYS: "delays of the channels",
-        SENSOR_DRIFTS: "drifts of the gyroscopes",
-    }
-    if name in several:
-        return several[name]
-    effect, _, place = name.partition("@")
-    return f"{words(effect)}, {words(place)}" if place else words(effect)
 
 
 def ranking(selection_round: Round, number: int) -> bytes:

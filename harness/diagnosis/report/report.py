@@ -8,9 +8,9 @@ from collections.abc import Iterable
 from functools import partial
 
 from harness.diagnosis.criteria import BIC_NEEDED, ERROR_NEEDED, TRIED, WHITE
-from harness.diagnosis.model.hypotheses import ALL_PARAMETERS
+from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, called
 from harness.diagnosis.report import changes, probabilities, residual_sections, study_gain, summary
-from harness.diagnosis.report.probabilities import called, scaled
+from harness.diagnosis.report.probabilities import scaled
 from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.result.record import equation
 from harness.diagnosis.selection.acceptance import Candidate

@@ -7,9 +7,9 @@ import numpy as np
 from harness.common.arrays import Floats
 from harness.diagnosis.criteria import BIC_NEEDED
 from harness.diagnosis.model.augmented_model import AugmentedModel
-from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
+from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, called
 from harness.diagnosis.report import study_gain
-from harness.diagnosis.report.probabilities import called, likely, scaled, size
+from harness.diagnosis.report.probabilities import likely, scaled, size
 from harness.diagnosis.result.answer import Value, unmodelled_words
 from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.result.study_gain import StudyGain

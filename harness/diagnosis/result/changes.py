@@ -10,7 +10,7 @@ from typing import Any
 from harness.diagnosis.criteria import EXCESS
 from harness.diagnosis.fitting import ParameterPoint
 from harness.diagnosis.model.augmented_model import AugmentedModel
-from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, random_processes
+from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, called, random_processes
 from harness.diagnosis.result.answer import Change, in_words
 from harness.diagnosis.result.claims import Verdict
 from harness.diagnosis.result.outcome import Outcome
@@ -119,7 +119,7 @@ def _instead(outcome: Outcome) -> str:
     own = set(outcome.trace.added)
     sets = outcome.posterior.confusable()
     others = [h for m in sets for a in m.added for h in a.hypotheses if h not in own]
-    names = list(dict.fromkeys(words(h.name.replace("@", " of ")) for h in others))
+    names = list(dict.fromkeys(called(h.name, " of ") for h in others))
     return f" These drives do not tell it from {listed(names[:4])}." if names else ""
 
 
