@@ -118,7 +118,9 @@ class Diagnosis(Shown):
         fitted, held_out = recordings_of(train, "train"), recordings_of(test, "test")
         earlier = recordings_of(baseline, "baseline") if len(baseline) else []
         refuse_the_same([*fitted, *earlier], held_out)
-        refuse_the_same(earlier, fitted)
+        refuse_the_same(earlier, fitted, "train", "in the baseline")
+        for i, recording in enumerate(earlier):
+            refuse_the_same(earlier[:i], [recording], "baseline", "in the baseline")
         table, notes = model.completed([*fitted, *held_out, *earlier])
         spec = finely(table, step_of(fitted[0]), f"model '{model.vehicle}'")
         free = fitted_parameters(spec, self.free, "free")

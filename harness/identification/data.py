@@ -74,19 +74,27 @@ def steered(recording: xr.Dataset, values: Mapping[str, float]) -> xr.Dataset:
     return recording.assign({wheel: made}).assign_coords(updated)
 
 
-def refuse_the_same(fitted: Sequence[xr.Dataset], held_out: Sequence[xr.Dataset]) -> None:
+def refuse_the_same(
+    fitted: Sequence[xr.Dataset], held_out: Sequence[xr.Dataset], option: str = "test", use: str = "fitted"
+) -> None:
     """Refuse a held-out recording that is fitted as well, by content, so that a copy is recognised, or in part.
+
+    Args:
+        fitted: Recordings of one purpose.
+        held_out: Recordings of another.
+        option: That names the latter, for the error.
+        use: Of the former, for the error.
 
     Raises:
         UserError: If there is one.
     """
-    refuse_overlaps(fitted, held_out)
+    refuse_overlaps(fitted, held_out, option, use)
     for i, recording in enumerate(held_out):
         same = next((j for j, other in enumerate(fitted) if recording.equals(other)), None)
         if same is not None:
             names = recording.attrs.get("file", f"number {i + 1}"), fitted[same].attrs.get("file", f"number {same + 1}")
             raise UserError(
-                f"test: {names[0]} is fitted as well, it holds the same as {names[1]}; hold out another one"
+                f"{option}: {names[0]} is {use} as well, it holds the same as {names[1]}; state another one"
             )
 
 

@@ -86,6 +86,20 @@ def test_a_drive_that_is_fitted_is_not_held_out(searched, car):
     assert searched == []
 
 
+@pytest.mark.parametrize(
+    ("train", "baseline", "said"),
+    [
+        (0, (2, 2), "^baseline: .* is in the baseline as well"),  # its drives would seem not to differ at all
+        (0, (2, 0), "^train: .* is in the baseline as well"),
+        (0, (1, 2), "^test: .* is fitted as well"),
+    ],
+)
+def test_a_drive_of_the_baseline_is_stated_once(searched, car, train, baseline, said):
+    with pytest.raises(h.UserError, match=said):
+        h.Diagnosis().fit(car, drive(train), drive(1), baseline=[drive(i) for i in baseline])
+    assert searched == []
+
+
 def test_an_unknown_estimator_is_refused_at_once():
     with pytest.raises(h.ModelError, match="closest: ekf"):
         h.Diagnosis(estimators=["ekff"])

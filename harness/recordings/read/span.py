@@ -73,8 +73,8 @@ def named(recording: xr.Dataset) -> str:
     return file if span is None else f"{file}@{span[0]:.6g}s:{span[1]:.6g}s"
 
 
-def refuse_overlaps(fitted: Sequence[xr.Dataset], held_out: Sequence[xr.Dataset]) -> None:
-    """Refuse parts of one file that are fitted and held out as well.
+def refuse_overlaps(fitted: Sequence[xr.Dataset], held_out: Sequence[xr.Dataset], option: str, use: str) -> None:
+    """Refuse parts of one file that are fitted and held out as well; option and use of the two are for the error.
 
     Raises:
         UserError: If there are two that overlap.
@@ -86,8 +86,8 @@ def refuse_overlaps(fitted: Sequence[xr.Dataset], held_out: Sequence[xr.Dataset]
             (a, b), (c, d) = _whole(train), _whole(test)
             if train.attrs.get("file") == test.attrs.get("file") and max(a, c) < min(b, d):
                 raise UserError(
-                    f"test: {test.attrs['file']} from {c:g} to {d:g} s overlaps what is fitted, {a:g} to {b:g} s; use "
-                    "every second for one purpose only"
+                    f"{option}: {test.attrs['file']} from {c:g} to {d:g} s overlaps what is {use}, {a:g} to {b:g} s; "
+                    "use every second once only"
                 )
 
 
