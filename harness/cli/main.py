@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from harness.api.results import Results
 
 
-_NONE_AT_ALL = ("--estimator", "--estimators")
+_NONE_AT_ALL = ("--estimator", "-e", "--estimators")
 """Options of which an empty word says something: run none."""
 
 RENAMED: dict[str, dict[str, str]] = {

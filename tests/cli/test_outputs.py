@@ -36,6 +36,14 @@ def test_an_empty_word_is_not_the_working_directory(tmp_path, monkeypatch, line)
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("option", ["-e", "--estimator"])
+def test_no_estimator_at_all_is_an_empty_word(tmp_path, monkeypatch, option):
+    monkeypatch.chdir(tmp_path)
+    drives = "--train", "a.csv", "--test", "b.csv"
+    status, said = harness("trace", "-m", "car", *drives, "--out", "t", option, "")
+    assert (status, "a.csv: the recording does not exist" in said) == (2, True)
+
+
 @pytest.mark.parametrize(
     ("line", "option"),
     [
