@@ -149,6 +149,19 @@ def test_databases_are_of_a_bus_or_of_all(log):
         readers.read_tables(files["blf"], None, [f"7={database}"])
 
 
+def test_databases_that_contradict_each_other_are_pointed_out(log, tmp_path):
+    other = tmp_path / "other.dbc"
+    other.write_text(Path(log[1]).read_text(encoding="utf-8").replace("(0.0625,-3)", "(0.125,-3)"), encoding="utf-8")
+    assert other.read_text(encoding="utf-8") != Path(log[1]).read_text(encoding="utf-8")
+    for wanted in (None, lambda name: name == "2.Motion.YawRate"):
+        read = readers.read_tables(log[2]["blf"], wanted, [str(log[1]), str(other)])
+        (note,) = {n for t in read for n in t.notes if "differently" in n and n.startswith("2.")}
+        assert note.startswith("2.Motion")
+        assert "other.dbc" in note
+    read = readers.read_tables(log[2]["blf"], None, [str(log[1])] * 2)
+    assert not [n for t in read for n in t.notes if "differently" in n]
+
+
 def test_without_a_database_the_identifiers_and_their_rates_are_named(log):
     for path in log[2].values():
         with pytest.raises(UserError, match=r"360 raw frames.*--database FILE.*0x0CF00400 \(10\d/s\)"):

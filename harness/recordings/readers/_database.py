@@ -39,6 +39,11 @@ class Message:
     is_j1939: bool
     database: str
 
+    def layout(self) -> set[tuple[object, ...]]:
+        """Return what makes numbers of a frame: place, form, scale and unit of every signal."""
+        keys = ("name", "start", "length", "byte_order", "is_signed", "is_float", "scale", "offset", "unit")
+        return {tuple(getattr(s, key) for key in keys) for s in self.signals}
+
 
 @dataclass(frozen=True)
 class Database:

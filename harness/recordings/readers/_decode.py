@@ -96,8 +96,10 @@ def decoded(path: str, frames: Frames, databases: Sequence[str], wanted: Wanted 
     refuse_beyond(path, "the bus log, decoded,", size, MOST_BYTES, "bytes")
     tables = [table for s, signals in chosen if signals for table in _tables(frames, s, signals)]
     tables.sort(key=lambda t: -len(t.columns))
-    if wanted is None and tables:
-        tables[0] = replace(tables[0], notes=(coverage, *tables[0].notes))
+    if tables:
+        notes = _contradictions(frames, [s for s, signals in chosen if signals], loaded)
+        notes = [coverage, *notes] if wanted is None else notes
+        tables[0] = replace(tables[0], notes=(*notes, *tables[0].notes))
     return tables
 
 
@@ -120,6 +122,21 @@ def _streams(frames: Frames, databases: Sequence[Database]) -> list[Stream]:
     first = np.searchsorted(of_frame[order], np.arange(len(numbers) + 1))
     labels = _labels([(bus, m, a) for (bus, _, a), m in zip(numbers, messages, strict=True)], frames.buses)
     return [Stream(labels[i], m, order[first[i] : first[i + 1]]) for i, m in enumerate(messages)]
+
+
+def _contradictions(frames: Frames, streams: Sequence[Stream], databases: Sequence[Database]) -> list[str]:
+    """Return a sentence for each message that a later database describes otherwise."""
+    notes = []
+    for stream in streams:
+        bus, identifier = frames.buses[frames.bus[stream.rows[0]]], int(frames.identifier[stream.rows[0]])
+        for database in databases:
+            other = database.message(identifier) if database.bus in ("", bus) else None
+            if other is not None and other.layout() != stream.message.layout():
+                notes.append(
+                    f"{stream.label}: {stream.message.database} and {other.database} describe it differently; the "
+                    "former is taken, as it is named first"
+                )
+    return list(dict.fromkeys(notes))
 
 
 def _labels(sources: Sequence[tuple[int, Message, int]], buses: Sequence[str]) -> list[str]:
