@@ -170,6 +170,12 @@ def test_a_damaged_bag_is_refused(bags, tmp_path, form, cut):
         readers.read(path)
 
 
+def test_a_folder_that_has_lost_its_metadata_names_its_file(tmp_path):
+    (tmp_path / "bag_0.db3").touch()
+    with pytest.raises(UserError, match=r"holds bag_0\.db3 and no metadata\.yaml; give the path of that file"):
+        readers.read_tables(tmp_path)
+
+
 def test_a_chunk_that_unpacks_to_more_than_it_may_is_refused(bags, monkeypatch):
     monkeypatch.setattr(bag, "_LARGEST_CHUNK", 1000)
     with pytest.raises(UserError, match="a chunk is unpacked into more than 1,000 bytes"):

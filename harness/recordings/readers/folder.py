@@ -37,6 +37,11 @@ def read(path: str, wanted: readers.Wanted | None = None) -> list[readers.Table]
             raise UserError(f"{path}: two files are named '{stem}'; rename one")
         (vectors[stem],) = columns.values()
     if not vectors:
+        parts = sorted(p.name for p in Path(path).iterdir() if p.suffix.lower() in bag.SUFFIXES)
+        if parts:
+            raise UserError(
+                f"{path}: holds {parts[0]} and no {bag.FOLDER}; give the path of that file, or add {bag.FOLDER}"
+            )
         raise UserError(
             f"{path}: the recording is a folder without files of one column ({', '.join(sorted(suffixes))}); "
             "give the path of a file"
