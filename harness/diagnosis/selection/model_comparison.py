@@ -24,7 +24,7 @@ from harness.common.arrays import Floats
 from harness.diagnosis.criteria import HOPEFUL, HORIZONS, PRIORS, TRIED
 from harness.diagnosis.fitting import FittedHypothesis, Fitting, ParameterPoint
 from harness.diagnosis.innovations.prediction import Ahead, Prediction
-from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, hypotheses
+from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, called, hypotheses
 from harness.diagnosis.selection.acceptance import Candidate, Round, same
 from harness.diagnosis.selection.candidate_fits import Added, CandidateFits, own_of
 from harness.diagnosis.selection.posterior import (
@@ -143,7 +143,7 @@ class Alternatives:
         """
         key = frozenset(rest)
         if key not in self._ranked:
-            name = f"in the place of {h.name.replace('_', ' ')}"
+            name = f"in the place of {called(h.name, ' of ')}"
             ranked = SelectionRound(self._fits, rest, [self._fits.models[key][1]], name, self._test(h, rest, best))
             ranked.rank()
             self._ranked[key] = ranked.promised, ranked.shortlist
