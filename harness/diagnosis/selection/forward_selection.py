@@ -25,7 +25,7 @@ from harness.diagnosis.selection.discrepancy import first_point, hinges, with_di
 from harness.diagnosis.selection.model_comparison import likeliest
 from harness.diagnosis.selection.posterior import Posterior
 from harness.diagnosis.selection.selection_round import SelectionRound, selection_round
-from harness.diagnosis.selection.validation import HeldOut, Judgement, colour_left, leaves_nothing
+from harness.diagnosis.selection.validation import HeldOut, Judgement, colour_left, error_growth, leaves_nothing
 from harness.identification.data import DriveData
 from harness.identification.signal_noise import white_noise
 
@@ -118,6 +118,9 @@ def trace(
         return plain
     disturbed.models.clear()  # what the search finds is to be another answer
     found = _ForwardSelection(disturbed, rounds, failures, first_point(fitting, whole.point)).run()
+    if error_growth(held_out, plain.after, found.after).beyond_noise:
+        # What predicts worse is no answer: the model found without stays, and which of its sizes hinge on that is said.
+        return replace(plain, hinging=hinges(plain.final, whole, fitting.standard_errors(whole), plain.added))
     without = fits.fit(found.added, replace(found.final.point, values=_undisturbed(augmented, found.final.point)))
     hinging = hinges(without, found.final, fitting.standard_errors(found.final), found.added)
     return replace(found, discrepancy=random_processes(augmented), hinging=hinging)
