@@ -56,7 +56,8 @@ HOW: dict[Callable[[Any, float], Any], tuple[str, tuple[str, ...]]] = {
     _times: (
         "the number itself, of a table or a list each of its numbers",
         (
-            *("BIC_NEEDED", "HOPEFUL", "ERROR_NEEDED", "EXCESS", "LITTLE", "FARTHER", "HORIZONS", "BLOCK"),
+            *("BIC_NEEDED", "HOPEFUL", "ERROR_NEEDED", "EXCESS", "LITTLE", "FARTHER", "FURTHER_CHANGE"),
+            *("HORIZONS", "BLOCK"),
             *(
                 "PRIORS.odds",
                 "PRIORS.stated",

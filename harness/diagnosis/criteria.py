@@ -67,7 +67,7 @@ LITTLE = 0.01
 """Share of the excess of the model without additions below which nothing is left to explain either: of a large effect
 the library's form and the vehicle differ by as much."""
 
-FURTHER = 0.05
+FURTHER_CHANGE = 0.05
 """Share of what changes explain already that a further one must explain, in gain in BIC: the form of a large change is
 that of the library but for some percent, and what that leaves is no other change."""
 

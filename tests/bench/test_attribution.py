@@ -379,7 +379,12 @@ def library(vehicle):
     files = tuple(dict.fromkeys([*(split(n)[0] for n in placed), *PROCESSES]))
     names = assemble(spec.vehicle, spec.tyre, files, spec.sensors, optional=True).parameter_names
     return SimpleNamespace(
-        nominal=spec.model(), placements=placed, processes=PROCESSES, names=names, stated_std=lambda name: math.inf
+        held=SimpleNamespace(names=()),
+        nominal=spec.model(),
+        placements=placed,
+        processes=PROCESSES,
+        names=names,
+        stated_std=lambda name: math.inf,
     )
 
 

@@ -1,5 +1,7 @@
 """A bank that varies along the road: a random process of the search, beside which the rest is found."""
 
+import copy
+
 import numpy as np
 import pytest
 
@@ -56,8 +58,9 @@ def test_what_is_constant_beside_it_is_found_as_well(augmented):
 def test_it_is_tried_no_more_where_it_leaves_coloured_innovations(augmented, found, monkeypatch):
     """It takes up whatever is slow; where that is something else, the search is one without it."""
     monkeypatch.setattr(forward_selection, "colour_left", lambda before, after: 2 * EXCESS)
-    drives = [*found.fitting.drives, *found.held_out.drives]
-    other = trace(augmented, drives[:2], drives[2:], FREE)
+    drives, alone = [*found.fitting.drives, *found.held_out.drives], copy.copy(augmented)
+    alone.discrepancy = ()
+    other = trace(alone, drives[:2], drives[2:], FREE)
     assert NAME not in {h.name for h in other.added}
     assert NAME in {h.name for h in other.dropped}
     assert NAME not in {h.name for m in other.posterior.models for c in m.added for h in c.hypotheses}

@@ -15,7 +15,7 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.common.failures import RAISED, Failures
-from harness.diagnosis.criteria import EXCESS, FURTHER, ROUNDS, WHITE
+from harness.diagnosis.criteria import EXCESS, FURTHER_CHANGE, ROUNDS, WHITE
 from harness.diagnosis.fitting import FittedHypothesis, Fitting, KeptFits, ParameterPoint
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import Hypothesis, random_processes
@@ -278,7 +278,7 @@ class _ForwardSelection:
         """Whether a further change since a baseline explains little beside what others explain."""
         fits = self.candidate_fits
         explained = fits.bic(tried.best.objective - self.nominal.objective, 0.0)
-        return bool(tried.added and fits.augmented.held.names) and further.bic < FURTHER * explained
+        return bool(tried.added and fits.augmented.held.names) and further.bic < FURTHER_CHANGE * explained
 
 
 def _size(added: Added) -> int:
