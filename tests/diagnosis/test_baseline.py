@@ -14,7 +14,7 @@ from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, coord
 from harness.diagnosis.result.changes import _instead, since
 from harness.diagnosis.result.outcome import outcome_of
 from harness.diagnosis.run import TraceTask, run_trace
-from harness.diagnosis.selection.baseline import learnt, of_roads
+from harness.diagnosis.selection.baseline import about, learnt, of_roads
 from harness.diagnosis.selection.forward_selection import first_variances, trace
 from support.driven_car import CAR, FREE, driven
 
@@ -111,3 +111,16 @@ def _softer(augmented, fitted: FittedHypothesis):
 def test_block_sums_put_a_short_rest_into_the_last_block():
     time = np.arange(0.0, 12.0, 1.0)
     assert block_sums(np.ones((12, 1)), time)[:, 0].tolist() == [5.0, 7.0]
+
+
+def test_what_the_drives_say_nothing_of_is_not_held(augmented):
+    """The lag of an effect that is absent has no slope; its prior would be no number."""
+    drives = [augmented.drive(driven(i + 80), f"day {i}") for i in range(2)]
+    fitting = Fitting(augmented, drives, first_variances(augmented, drives))
+    name = "bank_memory"
+    moved = (*coordinates(augmented, FREE, (), 2), *coordinates(augmented, (name,), (), 2))
+    fitted = fitting.fit(moved, fitting.first(), 4, turns=1)
+    held = about(fitting, fitted).held
+    assert name not in held.names
+    assert set(held.names) == set(FREE)
+    assert np.isfinite(held.covariance).all()

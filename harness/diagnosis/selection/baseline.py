@@ -144,7 +144,7 @@ def learnt(
     values = np.repeat(best.point.values[:, [0]], len(drives), axis=1)
     fitted = whole.fit(added, replace(best.point, values=values), afresh=False)
     added, fitted = _grown(whole, added, fitted)
-    return Baseline(added, whole.fitting, fitted, judged, _about(whole.fitting, fitted), tuple(d.name for d in drives))
+    return Baseline(added, whole.fitting, fitted, judged, about(whole.fitting, fitted), tuple(d.name for d in drives))
 
 
 def _grown(fits: CandidateFits, added: Added, best: FittedHypothesis) -> tuple[Added, FittedHypothesis]:
@@ -172,12 +172,14 @@ def _next(fits: CandidateFits, added: Added, best: FittedHypothesis, number: int
     return max(passing, key=lambda c: c.bic, default=None)
 
 
-def _about(fitting: Fitting, fitted: FittedHypothesis) -> AugmentedModel:
+def about(fitting: Fitting, fitted: FittedHypothesis) -> AugmentedModel:
     """Return the augmented model about a fit, with what that leaves open of its parameters."""
     augmented, spec = fitting.augmented, fitting.augmented.spec
-    moved = [c for c in fitted.coordinates if c.kind == "parameter" and not c.drives]
+    # What the drives say nothing of, as of a shape of what is absent, stays as it is.
+    every, errors = [c for c in fitted.coordinates if c.kind == "parameter"], fitting.standard_errors(fitted)
+    moved = [c for c, e in zip(every, errors, strict=False) if not c.drives and math.isfinite(e)]
     slopes = np.array([c.slope(c.coordinate(fitted.point.value(c))) for c in moved])
-    rows = [i for i, c in enumerate(c for c in fitted.coordinates if c.kind == "parameter") if c in moved]
+    rows = [i for i, c in enumerate(every) if c in moved]
     covariance = covariance_of(fitting.information(fitted)).matrix[np.ix_(rows, rows)] * np.outer(slopes, slopes)
     noise, values = fitting.noise([fitted.point]), fitted.point.values[:, 0]
     stated = dict(zip(augmented.names, map(float, values), strict=True))
