@@ -30,6 +30,7 @@ from bench.attribution.tables import (
     wilson,
 )
 from harness.diagnosis.criteria import EXCESS
+from harness.diagnosis.model.augmented_model import HeldParameters
 from harness.diagnosis.run import augmented_model_of
 from harness.identification.measured_file import finely
 from harness.models.assembly.assemble import assemble
@@ -378,14 +379,8 @@ def library(vehicle):
     placed = tuple(n for n in there if not getattr(load_effect(n), "NOISE", None))
     files = tuple(dict.fromkeys([*(split(n)[0] for n in placed), *PROCESSES]))
     names = assemble(spec.vehicle, spec.tyre, files, spec.sensors, optional=True).parameter_names
-    return SimpleNamespace(
-        held=SimpleNamespace(names=()),
-        nominal=spec.model(),
-        placements=placed,
-        processes=PROCESSES,
-        names=names,
-        stated_std=lambda name: math.inf,
-    )
+    own = {"placements": placed, "processes": PROCESSES, "names": names, "held": HeldParameters()}
+    return SimpleNamespace(nominal=spec.model(), stated_std=lambda name: math.inf, **own)
 
 
 @pytest.mark.parametrize("vehicle", sorted(NOMINAL))
