@@ -299,7 +299,7 @@ def test_the_same_drive_under_another_name_is_refused(tmp_path):
     recording = driven(40, duration=25.0)
     result = traced(tmp_path, [recording, recording])
     assert result.exit_code == 2
-    assert "hold out another one" in result.output
+    assert "drive_1.csv is fitted as well" in result.output
 
 
 def test_a_recording_that_is_too_short_says_what_to_drive(tmp_path):
