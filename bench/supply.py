@@ -35,12 +35,13 @@ LOCKS = {
 PAGE, BEGIN, END = ROOT / "docs" / "tables" / "licences.md", "<!-- licences -->\n", "<!-- end of licences -->\n"
 
 ALLOWED = {
-    "0BSD", "Apache-2.0", "BSD-2-Clause", "BSD-3-Clause", "BSD", "CC0-1.0", "ISC", "LGPL-3.0-or-later", "MIT-0",
-    "LLVM-exception", "MIT", "MIT-CMU", "MPL-2.0", "PSF-2.0", "Zlib",
+    "0BSD", "Apache-2.0", "BSD-2-Clause", "BSD-3-Clause", "BSD", "CC0-1.0", "ISC", "LGPL-3.0-only", "LGPL-3.0-or-later",
+    "MIT-0", "LLVM-exception", "MIT", "MIT-CMU", "MPL-2.0", "PSF-2.0", "Zlib",
 }  # fmt: skip
 """SPDX names; ``BSD`` where a package does not say which. The LGPL and the MPL bind changes to their own files."""
 
 _SPELLED = (
+    (r"^any-OSI$", "Zlib"),  # any licence that the OSI approves, at choice; of these the one that its own text names
     (r"LGPLv3\+|Lesser General Public License v3 or later", "LGPL-3.0-or-later"),
     (r"Mozilla Public License 2|MPL.2\.0", "MPL-2.0"),
     (r"Apache", "Apache-2.0"),
