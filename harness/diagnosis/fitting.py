@@ -41,9 +41,6 @@ from harness.identification.objective import Driveable, LogPosterior
 from harness.identification.signal_noise import signal_noise
 from harness.identification.uncertainty import covariance_of
 
-_LAGS = 3
-"""Blocks behind a block with which its score may be correlated."""
-
 ENOUGH = 0.3
 """Predicted gain in log-likelihood at which a fit ends; what is accepted gains dozens."""
 
@@ -283,23 +280,6 @@ class Fitting:
         """
         objective, z, parameters = self._objective(fitted.coordinates, fitted.point)
         return objective.slopes(z, parameters)[2]
-
-    def score_covariance(self, fitted: FittedHypothesis) -> Floats:
-        """Return the covariance of the score of the parameters that a fit moved, by blocks of the drives ``(n, n)``.
-
-        Scores are summed over blocks, of which neighbours may be correlated (Newey and West 1987). Of a model that is
-        right it is the Fisher information; of one that is not, what the blocks say differs by more than their noise
-        (Huber 1967; White 1982).
-        """
-        moved = [c for c in fitted.coordinates if c.kind == "parameter"]
-        runs, total = self.runs(fitted.point), np.zeros((len(moved), len(moved)))
-        for drive, X, run in zip(self.drives, self.columns(moved, fitted.point), runs, strict=True):
-            scores = (X * np.nan_to_num(run.whitened).reshape(-1, 1)).reshape(len(drive.time), -1, len(moved)).sum(1)
-            blocks = block_sums(scores, drive.time)
-            for lag in range(min(_LAGS + 1, len(blocks))):
-                product = blocks[lag:].T @ blocks[: len(blocks) - lag]
-                total += product if lag == 0 else (1 - lag / (_LAGS + 1)) * (product + product.T)
-        return total
 
     def columns(self, coordinates: Sequence[Coordinate], point: ParameterPoint) -> list[Floats]:
         """Return the derivatives of each drive's whitened innovations to the coordinates ``(samples * ny, n)``."""

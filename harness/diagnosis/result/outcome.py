@@ -39,6 +39,7 @@ from harness.diagnosis.selection.posterior import Posterior
 from harness.diagnosis.selection.validation import Judgement
 from harness.identification.result import Judged, judged_on
 from harness.identification.uncertainty import at_bound
+from harness.models.assembly.placement import split
 from harness.models.quantities import print_unit, words
 from harness.reporting import style
 
@@ -181,7 +182,7 @@ def outcome_of(trace: Trace, say: Say = lambda _: None, failures: Failures = RAI
         lambda _: (),
     )
     claims = replace(claims, confounded=directions)
-    nominal = fitted_model(trace, _with_effects(trace, trace.known), trace.nominal.point)
+    nominal = fitted_model(trace, with_effects(trace, ()), trace.nominal.point)
     sentences = failures.attempt(
         "the answer in sentences",
         lambda: answer(trace, claims, localisation, values),
@@ -254,10 +255,16 @@ def _judged(trace: Trace) -> tuple[Judged, ...]:
 
 def _amended(trace: Trace) -> ModelSpec:
     """Return the final model with its effects at the places where they are in force."""
-    return fitted_model(trace, _with_effects(trace, (*trace.known, *trace.effects)), trace.final.point)
+    return fitted_model(trace, with_effects(trace, trace.effects), trace.final.point)
 
 
-def _with_effects(trace: Trace, added: Sequence[Hypothesis]) -> ModelSpec:
+def with_effects(trace: Trace, added: Sequence[Hypothesis]) -> ModelSpec:
+    """Return the nominal model with what it has from earlier drives, its random processes, and some additions.
+
+    Noise that was fitted beside a discrepancy is that of a filter that holds it. An effect that acts everywhere has its
+    parameters at each place, so it stands for itself at some.
+    """
     spec = trace.fitting.augmented.spec
-    names = dict.fromkeys(h.name for h in added if h.kind == "effect")
-    return replace(spec, effects=(*spec.effects, *names))
+    names = dict.fromkeys(h.name for h in (*trace.known, *trace.discrepancy, *added) if h.kind == "effect")
+    kept = [n for n in names if "@" not in n or split(n)[0] not in names]
+    return replace(spec, effects=(*spec.effects, *kept))
