@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from types import ModuleType
 
 from harness.common.arrays import Floats
-from harness.common.components import place_of
+from harness.common.components import OURS, place_of
 from harness.common.errors import MissingFileError, UserError
 from harness.common.registry import Role
 from harness.recordings.readers._database import bus_and_file
@@ -43,17 +43,22 @@ __all__ = [
 def suffixes() -> dict[str, str]:
     """Return every known suffix and the reader's name, the longest suffix first.
 
+    A reader of the user's own is taken before one of the package for the same suffix.
+
     Raises:
-        UserError: If two readers claim one suffix.
+        UserError: If two readers of one origin claim one suffix.
     """
     reader_names: dict[str, str] = {}
-    for name in READERS.names():
+    from_package: dict[str, str] = {}
+    for name, component in READERS.components().items():
+        by_suffix = from_package if component.origin == OURS else reader_names
         for suffix in READERS.load(name).SUFFIXES:
-            first = reader_names.setdefault(suffix, name)
+            first = by_suffix.setdefault(suffix, name)
             if first != name:
                 places = " and ".join(place_of(READERS.load(n)) for n in (first, name))
                 raise UserError(f"two readers are for files '*{suffix}': {places}; change SUFFIXES of one of the two")
-    return dict(sorted(reader_names.items(), key=lambda item: (-len(item[0]), item[0])))
+    every_suffix = from_package | reader_names
+    return dict(sorted(every_suffix.items(), key=lambda item: (-len(item[0]), item[0])))
 
 
 def reader_of(path: str | os.PathLike[str]) -> ModuleType | None:
