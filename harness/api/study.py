@@ -46,6 +46,20 @@ class StudyKeys(TypedDict, total=False):
     report: Mapping[str, Any]
 
 
+class FactorKeys(TypedDict, total=False):
+    """Further keys of a factor.
+
+    Attributes:
+        scale: ``linear`` by default.
+        band: Half-width around each level or shift.
+        labels: One per band.
+    """
+
+    scale: Literal["linear", "log"] | None
+    band: Quantity | None
+    labels: Sequence[str] | None
+
+
 def factor(
     parameter: str,
     *,
@@ -55,14 +69,13 @@ def factor(
     shift: Sequence[Quantity] | None = None,
     bands: Sequence[Quantity] | None = None,
     range: Sequence[Quantity] | None = None,
-    scale: Literal["linear", "log"] | None = None,
-    band: Quantity | None = None,
-    labels: Sequence[str] | None = None,
+    distribution: str | Mapping[str, Any] | None = None,
+    **further: Unpack[FactorKeys],
 ) -> dict[str, Any]:
     """Return a factor of a design: the table ``[[design.factor]]`` of a study file.
 
-    Exactly one of levels, shift, bands and range is stated. A number is in SI units or in ``unit``, text carries its
-    own.
+    Exactly one of levels, shift, bands, range and distribution is stated. A number is in SI units or in ``unit``, text
+    carries its own.
 
     Args:
         parameter: Parameter of the model, or ``process_noise_scale``, ``measurement_noise_scale``,
@@ -73,17 +86,16 @@ def factor(
         shift: Differences from what is believed; percent is relative to it.
         bands: Half-widths around what is believed.
         range: One band by its edges.
-        scale: ``linear`` by default.
-        band: Half-width around each level or shift.
-        labels: One per band.
+        distribution: How likely which value is: a kind, or a mapping with more (docs/studies.md).
+        further: See ``FactorKeys``.
 
     Example:
         >>> import harness as h
         >>> h.factor("mass", shift=["-10 %", "10 %"])
         {'parameter': 'mass', 'shift': ['-10 %', '10 %']}
     """
-    varied = {"levels": levels, "shift": shift, "bands": bands, "range": range, "band": band}
-    return _stated({"parameter": parameter, "of": of, "unit": unit, **varied, "scale": scale, "labels": labels})
+    varied = {"levels": levels, "shift": shift, "bands": bands, "range": range, "distribution": distribution}
+    return _stated({"parameter": parameter, "of": of, "unit": unit, **varied, **further})
 
 
 def design(

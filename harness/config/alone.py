@@ -10,17 +10,16 @@ from pydantic import ValidationError
 
 from harness.common.errors import UserError
 from harness.common.files import parse_toml
+from harness.config.design_tables import DesignTable, FactorTable
 from harness.config.entries import whole_paths
+from harness.config.key_types import Quantity
 from harness.config.load import build_study
 from harness.config.schema import (
     CountTable,
-    DesignTable,
     DriveTable,
     EstimatorTable,
-    FactorTable,
     HistoryTable,
     ModelTable,
-    Quantity,
     ReportTable,
     StudyFile,
 )

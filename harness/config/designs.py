@@ -8,9 +8,9 @@ from dataclasses import replace
 
 from harness.config.bounds import broken_relations, loading_parameters, out_of_bounds
 from harness.config.derived import derived_parameters, derived_value, settled
+from harness.config.design_tables import DesignTable
 from harness.config.factors import Models, form, resolve_factor
 from harness.config.problems import Problems
-from harness.config.schema import DesignTable
 from harness.config.specs import NOISE_SCALES, DesignSpec, FactorSpec, ModelSpec
 
 BOXES = 8
@@ -217,7 +217,8 @@ def _check_relations(raw: DesignTable, design: DesignSpec, key: str, models: Mod
                 place = f"{key}.factor"
                 if at is not None:
                     entry = form(raw.factor[at])
-                    place = f"{key}.factor[{at}].{entry}" + ("" if entry == "range" else f"[{band}]")
+                    item = "" if entry in ("range", "distribution") else f"[{band}]"
+                    place = f"{key}.factor[{at}].{entry}{item}"
                 problems.add(place, f"{design.band_labels[band]} of the {side}: {name}: {message}")
 
 

@@ -5,14 +5,20 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from harness.common.errors import UserError
 from harness.common.registry import closest
-from harness.config.bounds import out_of_bounds
+from harness.config.bounds import out_of_bounds, quantity
 from harness.config.derived import derived_parameters, derived_value
+from harness.config.design_tables import DistributionTable, FactorTable
+from harness.config.distributions import DistributionReader
+from harness.config.marginals import EDGE, Marginal
+from harness.config.parameter_set import set_std
 from harness.config.problems import Problems
-from harness.config.schema import FactorTable
 from harness.config.specs import NOISE_SCALES, FactorSpec, ModelSpec, Side
 from harness.models.contracts import Parameter
 
@@ -24,16 +30,17 @@ _NEEDED = {
     "process_noise": "process noise to multiply; state it, {0}.noise.process, for a state or disturbance of its own",
     "input_noise": "noise of inputs to multiply; state it, e.g. {0}.noise.input.speed",
 }
-FORMS = ("levels", "shift", "bands", "range")
+FORMS = ("levels", "shift", "bands", "range", "distribution")
 """The keys of a factor that say what values it takes; each has exactly one of them."""
 
 
 @dataclass(frozen=True)
 class Models:
-    """The two models a factor may vary."""
+    """The two models a factor may vary, and the folder of the study."""
 
     plant: ModelSpec
     belief: ModelSpec
+    folder: Path = Path()
 
     def sides(self, side: Side) -> dict[str, ModelSpec]:
         """Return the models whose values a factor of this side replaces, by name."""
@@ -75,7 +82,8 @@ def resolve_factor(table: FactorTable, key: str, models: Models, problems: Probl
     report_unit = _report_unit(table, parameter.unit, f"{key}.unit", problems)
     if report_unit is None:
         return None
-    reader = _FactorReader(table, key, parameter, nominal, report_unit, problems)
+    stated = distribution_reader(table, problems.at(f"{key}.distribution"), parameter, nominal, models)
+    reader = _FactorReader(table, key, parameter, nominal, report_unit, problems, stated)
     before = len(problems)
     rows = reader.rows()
     if rows is None:
@@ -90,11 +98,36 @@ def resolve_factor(table: FactorTable, key: str, models: Models, problems: Probl
         lower=tuple(r.lower for r in rows),
         upper=tuple(r.upper for r in rows),
         labels=tuple(table.labels or [r.label for r in rows]),
-        log=table.scale == "log",
+        log=table.scale == "log" or (stated is not None and stated.table.kind == "log_uniform"),
+        marginal=rows[0].marginal,
     )
     for i in range(len(rows)):
         _check_bounds(factor, i, reader.item(i), parameter, problems)
     return factor if len(problems) == before else None
+
+
+def distribution_reader(
+    table: FactorTable, where: str, parameter: Parameter, nominal: float, models: Models
+) -> DistributionReader | None:
+    """Return what reads the distribution of a factor; ``None`` of one without."""
+    if table.distribution is None:
+        return None
+    stated = table.distribution
+    if isinstance(stated, str):
+        stated = DistributionTable.model_validate({"kind": stated})
+    std = next((s[parameter.name] for m in (models.belief, models.plant) if parameter.name in (s := set_std(m))), None)
+
+    def read(raw: Any, place: str) -> float:
+        return number(raw, table.unit, parameter.unit, place)
+
+    return DistributionReader(stated, where, parameter, nominal, read, std, models.folder)
+
+
+def completed(table: FactorTable, spec: FactorSpec, models: Models) -> FactorTable:
+    """Return the table of a resolved factor with all that its distribution takes from a set or a file written out."""
+    parameter = Parameter(spec.parameter, "", spec.unit, -math.inf, math.inf, "")
+    reader = distribution_reader(table, "", parameter, spec.nominal, models)
+    return table if reader is None else table.model_copy(update={"distribution": reader.complete()})
 
 
 def _check_name(name: str, key: str, models: Models, side: Side, problems: Problems) -> bool:
@@ -163,12 +196,15 @@ def _check_form(table: FactorTable, key: str, problems: Problems) -> bool:
     given = [k for k in FORMS if getattr(table, k) is not None]
     if len(given) != 1:
         has = "has none of them" if not given else f"has {' and '.join(given)}"
-        problems.add(key, f"a factor needs exactly one of levels, shift, bands and range; this one {has}")
+        problems.add(key, f"a factor needs exactly one of levels, shift, bands, range and distribution; this one {has}")
         return False
-    if table.band is not None and given[0] in ("bands", "range"):
+    if table.band is not None and given[0] not in ("levels", "shift"):
         problems.add(f"{key}.band", f"'{given[0]}' gives the width already; remove 'band'")
         return False
-    count = 1 if given == ["range"] else len(getattr(table, given[0]))
+    if given == ["distribution"] and table.scale == "log":
+        problems.add(f"{key}.scale", "a distribution says itself how a factor is filled; remove 'scale'")
+        return False
+    count = 1 if given[0] in ("range", "distribution") else len(getattr(table, given[0]))
     if table.labels is not None and len(table.labels) != count:
         problems.add(f"{key}.labels", f"{len(table.labels)} labels for {count} {given[0]}; give one each")
         return False
@@ -207,6 +243,9 @@ def _written_unit(raw: Any) -> str | None:
 
 def _entries(table: FactorTable) -> list[Any]:
     """Return the numbers of the one form that is given."""
+    if isinstance(stated := table.distribution, DistributionTable):
+        quantiles = list((stated.quantiles or {}).values())
+        return [*(stated.range or quantiles or stated.values or []), *filter(None, (stated.mean, stated.std))]
     return table.levels or table.shift or table.bands or table.range or []
 
 
@@ -226,6 +265,7 @@ class _Row:
     lower: float
     upper: float
     label: str
+    marginal: Marginal | None = None
 
 
 @dataclass(frozen=True)
@@ -238,17 +278,21 @@ class _FactorReader:
     nominal: float
     report_unit: str
     problems: Problems
+    distribution: DistributionReader | None = None
 
     def item(self, i: int) -> str:
         """Return the key path of the i-th entry."""
         name = form(self.table)
-        return f"{self.key}.{name}" if name == "range" else f"{self.key}.{name}[{i}]"
+        return f"{self.key}.{name}" if name in ("range", "distribution") else f"{self.key}.{name}[{i}]"
 
     def rows(self) -> list[_Row] | None:
         """Return centre, half-width and label of every band, or ``None`` if a problem was noted."""
         before = len(self.problems)
         rows: list[_Row] = []
-        if self.table.range is not None:
+        if self.distribution is not None:
+            with self.problems.catch(self.item(0)):
+                rows.append(self._distributed(self.distribution))
+        elif self.table.range is not None:
             with self.problems.catch(self.item(0)):
                 rows.append(self._range(self.table.range))
         else:
@@ -258,6 +302,18 @@ class _FactorReader:
         if self.table.scale == "log" and any(row.lower <= 0.0 for row in rows):
             self.problems.add(f"{self.key}.scale", "a logarithm needs values above zero; raise the lower edge")
         return rows if len(self.problems) == before else None
+
+    def _distributed(self, distribution: DistributionReader) -> _Row:
+        marginal = distribution.marginal()
+        if marginal.kind in ("uniform", "log_uniform"):  # a band, filled as one
+            low, high = marginal.arguments
+            middle = (low + high) / 2 if marginal.kind == "uniform" else math.sqrt(low * high)
+            return _Row(middle, low, high, f"{self._label(low)} to {self._label(high)}")
+        if wrong := _reaches_beyond(marginal, self.parameter):
+            raise UserError(wrong)
+        low, middle, high = marginal.at(np.array([0.05, 0.5, 0.95])).tolist()
+        words = marginal.kind.replace("_", " ")
+        return _Row(middle, *marginal.ends(EDGE), f"{self._label(low)} to {self._label(high)} ({words})", marginal)
 
     def _range(self, entries: list[Any]) -> _Row:
         lower, upper = (self._number(raw, f"{self.key}.range[{i}]") for i, raw in enumerate(entries))
@@ -333,6 +389,24 @@ class _FactorReader:
 
 def _signed(value: float) -> str:
     return f"{value:+.6g}" if value else "0"
+
+
+def _reaches_beyond(marginal: Marginal, parameter: Parameter) -> str | None:
+    """Return the bound that a distribution breaks in words, or ``None``."""
+    low, high = marginal.ends()
+    for value, side, least in ((low, "below", "smallest"), (high, "above", "largest")):
+        if out_of_bounds(parameter, value) is None:
+            continue
+        bound = parameter.lower if side == "below" else parameter.upper
+        chance = marginal.below(bound) if side == "below" else 1.0 - marginal.below(bound)
+        remedy = "state a smaller 'std'" if marginal.kind == "lognormal" else "keep within the bounds"
+        if marginal.kind == "normal":
+            remedy = 'write kind = "truncated_normal", which ends at the bounds'
+        return (
+            f"the distribution reaches too far: {parameter.name} lies {side} {quantity(bound, parameter.unit)}, the "
+            f"{least} value allowed, with a probability of {chance:.1g}; {remedy}"
+        )
+    return None
 
 
 def _check_bounds(factor: FactorSpec, i: int, key: str, parameter: Parameter, problems: Problems) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, astuple, replace
 from pathlib import Path
 from typing import Any
 
@@ -163,7 +163,7 @@ def _resolve(raw: StudyFile, text: str, path: Path) -> StudySpec:
     if plant is not None and belief is not None:
         _check_pair(plant, belief, raw, problems)
         for i, table in enumerate(raw.design):
-            design = resolve_design(table, f"design[{i}]", Models(plant, belief), problems)
+            design = resolve_design(table, f"design[{i}]", Models(plant, belief, folder), problems)
             designs += [] if design is None else [design]
     _refuse_too_many(designs, len(drives), problems)
     histories: list[HistorySpec | None] = []
@@ -383,7 +383,11 @@ def _hash(study: StudySpec) -> str:
                 "sampling": d.sampling,
                 "samples": d.base_samples,
                 "repeats": d.repeats,
-                "factors": [[f.parameter, f.of, f.levels, f.lower, f.upper, f.log] for f in d.factors],
+                "factors": [
+                    # one without a distribution stays the same
+                    [f.parameter, f.of, f.levels, f.lower, f.upper, f.log, *(astuple(f.marginal) if f.marginal else ())]
+                    for f in d.factors
+                ],
             }
             for d in study.designs
         ],

@@ -3,89 +3,16 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import (
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Discriminator,
-    Field,
-    StrictBool,
-    StrictInt,
-    StrictStr,
-    Tag,
-    WithJsonSchema,
-)
+from pydantic import BeforeValidator, Field, StrictBool, StrictInt, StrictStr, Tag
 
 from harness.common.errors import UserError
 from harness.common.files import write_files
-from harness.common.units import separators
+from harness.config.design_tables import DesignTable
+from harness.config.key_types import FileName, Name, Number, OpenTable, Quantity, StrictTable, Text, one_of
 from harness.config.problems import LIST, TABLE, TEXT
-
-
-def _quantity(value: object) -> object:
-    if isinstance(value, bool) or not isinstance(value, int | float | str):
-        raise ValueError('expected a number in SI units or text with a unit such as "24 t"')
-    if isinstance(value, float) and not math.isfinite(value):
-        raise ValueError("expected a finite number")
-    return value
-
-
-Quantity = Annotated[
-    Any,
-    BeforeValidator(_quantity),
-    WithJsonSchema(
-        {
-            "anyOf": [{"type": "number"}, {"type": "string"}],
-            "description": 'a number in SI units, or text with a unit such as "24 t" or "5 %"',
-        }
-    ),
-]
-
-
-def _number(value: object) -> object:
-    if isinstance(value, str):
-        raise ValueError(separators(value) or "expected a number without quotes")
-    return value
-
-
-Number = Annotated[float, BeforeValidator(_number), Field(strict=True, allow_inf_nan=False)]
-"""A number without a unit: pydantic alone takes ``"1_5"`` for 15."""
-Name = Annotated[StrictStr, Field(min_length=1)]
-FileName = Annotated[StrictStr, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
-
-
-def _one_of(*forms: str) -> Discriminator:
-    """Discriminate the forms of a key; errors about anything else are those of the first form."""
-
-    def form(value: Any) -> str:
-        own = TABLE if isinstance(value, dict | BaseModel) else LIST if isinstance(value, list) else TEXT
-        return own if own in forms else forms[0]
-
-    return Discriminator(form)
-
-
-Text = Annotated[Name, Tag(TEXT)]
-
-
-class StrictTable(BaseModel):
-    """A table of the file: unknown keys are refused."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class OpenTable(BaseModel):
-    """A table whose further keys belong to a drive or an estimator, which checks them."""
-
-    model_config = ConfigDict(extra="allow", frozen=True)
-
-    @property
-    def further(self) -> dict[str, Any]:
-        """The keys that belong to the drive or estimator."""
-        return dict(self.__pydantic_extra__ or {})
 
 
 class NoiseTable(StrictTable):
@@ -119,7 +46,7 @@ class UncertainTable(StrictTable):
     )
 
 
-UncertainParameter = Annotated[Text | Annotated[UncertainTable, Tag(TABLE)], _one_of(TEXT, TABLE)]
+UncertainParameter = Annotated[Text | Annotated[UncertainTable, Tag(TABLE)], one_of(TEXT, TABLE)]
 
 
 class ModelTable(StrictTable):
@@ -220,65 +147,6 @@ def as_table(estimator: Any) -> Any:
 Estimators = list[Annotated[EstimatorTable, BeforeValidator(as_table, json_schema_input_type=Name | EstimatorTable)]]
 
 
-MOST_LEVELS = 1000
-"""Levels or bands of a factor: the report draws each."""
-
-Levels = Annotated[list[Quantity], Field(min_length=1, max_length=MOST_LEVELS)]
-
-
-class FactorTable(StrictTable):
-    """``[[design.factor]]``: exactly one of ``levels``, ``shift``, ``bands`` and ``range``."""
-
-    parameter: Name = Field(
-        description="parameter of the model, or a factor on variances: "
-        "process_noise_scale, measurement_noise_scale, input_noise_scale"
-    )
-    of: Literal["plant", "belief", "both"] = Field(default="plant", description="whose value it replaces")
-    unit: Name | None = Field(
-        default=None, description="unit of the labels, and of plain numbers in this table (default: SI)"
-    )
-    levels: Levels | None = Field(default=None, description="values")
-    shift: Levels | None = Field(
-        default=None, description="differences from the nominal (belief) value; percent is relative to it"
-    )
-    bands: Levels | None = Field(
-        default=None, description="half-widths around the nominal (belief) value; percent is relative to it"
-    )
-    range: Annotated[list[Quantity], Field(min_length=2, max_length=2)] | None = Field(
-        default=None, description="one band by its lower and upper edge"
-    )
-    scale: Literal["linear", "log"] = Field(
-        default="linear", description="whether a band is filled evenly in the value or in its logarithm"
-    )
-    band: Quantity | None = Field(
-        default=None,
-        description="half-width around each of the levels or shifts; percent is relative to the level",
-    )
-    labels: list[StrictStr] | None = Field(default=None, description="one label per band, instead of the default")
-
-
-class DesignTable(StrictTable):
-    """``[[design]]``."""
-
-    name: FileName = Field(description="unique name")
-    sampling: Literal["sobol", "saltelli", "tolerance"] = Field(
-        default="sobol",
-        description="sobol: points in each band; saltelli: all factors at once, for sensitivity indices; "
-        "tolerance: nested boxes around the nominal point, for the largest one an estimator tolerates",
-    )
-    samples: Annotated[StrictInt, Field(ge=1)] = Field(default=1, description="Sobol points per band; a power of two")
-    boxes: Annotated[StrictInt, Field(ge=2, le=64)] | None = Field(
-        default=None, description="tolerance only: number of nested boxes, evenly spaced (default 8)"
-    )
-    repeats: Annotated[StrictInt, Field(ge=1)] = Field(default=1, description="runs with fresh noise per point")
-    sobol_any_n: StrictBool = Field(
-        default=False, description="allow a number of samples that is no power of two (unbalanced)"
-    )
-    factor: list[FactorTable] = Field(
-        default_factory=list, description="what is varied; the i-th bands belong together"
-    )
-
-
 class HistoryTable(StrictTable):
     """``[history]``, or ``[[history]]`` for several: a run that is drawn over time."""
 
@@ -315,7 +183,7 @@ class ReportTable(StrictTable):
 
 
 Histories = Annotated[
-    Annotated[HistoryTable, Tag(TABLE)] | Annotated[list[HistoryTable], Tag(LIST)], _one_of(TABLE, LIST)
+    Annotated[HistoryTable, Tag(TABLE)] | Annotated[list[HistoryTable], Tag(LIST)], one_of(TABLE, LIST)
 ]
 
 
@@ -339,14 +207,14 @@ class StudyFile(StrictTable):
     targets: Annotated[list[Name], Field(min_length=1)] = Field(
         description="quantities to score: states or ports of both models"
     )
-    tuning: Annotated[Text | Annotated[TuningTable, Tag(TABLE)], _one_of(TEXT, TABLE)] | None = Field(
+    tuning: Annotated[Text | Annotated[TuningTable, Tag(TABLE)], one_of(TEXT, TABLE)] | None = Field(
         default=None,
         description="file written by harness tune, or its table: factors on the noise each estimator believes",
     )
     score_after: Quantity = Field(
         default=0.0, description="time at the beginning of every drive that no score counts: estimators settle"
     )
-    drives: Annotated[Text | Annotated[list[Name], Tag(LIST)], _one_of(TEXT, LIST)] = Field(
+    drives: Annotated[Text | Annotated[list[Name], Tag(LIST)], one_of(TEXT, LIST)] = Field(
         default_factory=list, description="files of drives: drives/<name>.toml beside the study"
     )
     drive: list[DriveTable] = Field(default_factory=list, description="drives of this study only")

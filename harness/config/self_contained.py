@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import repeat
 from typing import Any
 
 from harness.common.files import parse_toml, toml_text
 from harness.config.external import external_table
+from harness.config.factors import Models, completed
 from harness.config.schema import DriveTable, ModelTable, NoiseTable, StudyFile, TuningTable, UncertainTable
 from harness.config.specs import ModelSpec, StudySpec, assembled
 
@@ -14,11 +16,18 @@ from harness.config.specs import ModelSpec, StudySpec, assembled
 def self_contained(study: StudySpec) -> str:
     """Return a study file that states the same as a study, to the bit, and names no other but recordings and networks.
 
-    Values and noise of parameter sets, drives of sets and tuned noise are written out.
+    Values and noise of parameter sets, drives of sets, tuned noise and samples of factors are written out.
     """
     raw = StudyFile.model_validate(parse_toml(study.text, str(study.path)))
+    models = Models(study.plant, study.belief, study.path.parent)
     tuned = {e.name: e.noise for e in study.estimators if e.noise}
     update: dict[str, Any] = {
+        "design": [
+            table.model_copy(update={"factor": list(map(completed, table.factor, spec.factors, repeat(models)))})
+            if table.factor
+            else table
+            for table, spec in zip(raw.design, study.designs, strict=True)
+        ],
         "plant": _table(study.plant),
         "belief": _table(study.belief),
         "drives": [],

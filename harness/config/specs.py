@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from harness.common.components import remembered
+from harness.config.marginals import Marginal
 from harness.external.description import Description
 from harness.external.opaque import opaque_model
 from harness.models.assembly.assemble import StateSpaceModel, assemble
@@ -193,6 +194,7 @@ class FactorSpec:
         upper: Upper edge of each band, SI, shape ``(bands,)``.
         labels: One label per band.
         log: Whether a band is sampled evenly in the logarithm of the value.
+        marginal: How likely which value is; ``None`` for levels and for bands, which are filled evenly.
     """
 
     parameter: str
@@ -205,6 +207,7 @@ class FactorSpec:
     upper: tuple[float, ...]
     labels: tuple[str, ...]
     log: bool = False
+    marginal: Marginal | None = None
 
     @property
     def banded(self) -> bool:

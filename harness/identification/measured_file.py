@@ -51,8 +51,9 @@ from harness.common.files import read_toml
 from harness.common.registry import closest
 from harness.common.units import to_si
 from harness.config import ModelSpec, resolve_single
+from harness.config.key_types import Name, Quantity, StrictTable
 from harness.config.problems import Problems, validated
-from harness.config.schema import ModelTable, Name, Quantity, StrictTable
+from harness.config.schema import ModelTable
 from harness.estimation.contract import traced
 from harness.identification.data import steered
 from harness.models.roles import EFFECTS

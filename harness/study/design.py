@@ -4,11 +4,13 @@ Levels are taken as they are. Bands are boxes, filled in one of three ways:
 
 * ``sobol``: SALib's Sobol sequence (Joe and Kuo 2003), unscrambled and from its first point on: dropping or
   skipping points spoils the balance (Owen 2020, arXiv:2008.08051), and the first point, the origin, is the
-  lower corner of every box.
+  lower corner of every box. Where a factor's distribution has an end at infinity, the sequence is scrambled.
 * ``saltelli``: SALib's cross-sampled pair of matrices for Sobol indices (Saltelli et al. 2010, doi
   10.1016/j.cpc.2009.09.018), from a scrambled sequence.
 * ``tolerance``: the nominal point, each factor alone at its lower and at its upper edge, and a scrambled Sobol
   sequence in the box; bands are nested boxes.
+
+A factor with a distribution takes the values of its inverse distribution function at these points.
 
 All bands of a design use the same points, scaled, so that sample ``k`` lies at the same relative place in each.
 
@@ -164,7 +166,11 @@ def _kept(drawn: Callable[[], NDArray[np.float64]], package: str, which: str, nu
 
 
 def _scaled(factor: FactorSpec, band: int, unit: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the values of one factor at places in the unit interval."""
+    """Return the values of one factor at places in the unit interval; of a nested box between the nominal and those."""
+    if factor.marginal is not None:
+        share = (band + 1) / len(factor.levels)
+        values = factor.marginal.at(unit)
+        return values if share == 1.0 else factor.nominal + share * (values - factor.nominal)
     lower, upper = factor.lower[band], factor.upper[band]
     if factor.log:
         return lower * np.exp(unit * np.log(upper / lower))
@@ -191,7 +197,7 @@ def points(study: StudySpec, design: DesignSpec) -> DesignPoints:
     banded = [i for i, f in enumerate(factors) if f.banded]
     if design.sampling == "saltelli":
         unit = saltelli_points(design.base_samples, len(banded), study.seed)
-    elif design.sampling == "tolerance":
+    elif design.sampling == "tolerance" or any(f.marginal and f.marginal.is_unbounded for f in factors):
         unit = scrambled_points(design.base_samples, len(banded), study.seed)
     else:
         unit = unit_box(design.samples, len(banded)) if banded else np.empty((design.samples, 0))

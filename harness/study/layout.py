@@ -129,6 +129,7 @@ def _known(study: StudySpec, design: DesignSpec, evaluator: StudyEvaluator) -> x
             "scale": "log" if f.log else "linear",
             "lower": list(f.lower),
             "upper": list(f.upper),
+            **({"distribution": f.marginal.kind} if f.marginal else {}),
             **({} if is_believed(f.parameter, study.belief) else {"believed": False}),
         }
         for name, f in zip(table.factors, design.factors, strict=True)

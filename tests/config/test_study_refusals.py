@@ -186,8 +186,8 @@ REFUSALS = {
     ),
     "levels and bands": (
         [("levels =", 'bands = ["5 %"]\nlevels =')],
-        "design[0].factor[0]: a factor needs exactly one of levels, shift, bands and range; this one has levels and "
-        "bands",
+        "design[0].factor[0]: a factor needs exactly one of levels, shift, bands, range and distribution; this one has "
+        "levels and bands",
     ),
     "band beyond bound": (
         [("levels =", 'band = "90 %"\nlevels =')],

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from harness.common.units import to_si
-from harness.config.schema import Quantity
+from harness.config.key_types import Quantity
 from harness.engine.compile import CompiledModel
 from harness.estimation.external_filter import ExternalFilter
 from harness.estimation.external_loader import KINDS, kind_of

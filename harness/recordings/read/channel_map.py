@@ -33,8 +33,8 @@ from harness.common.errors import UserError
 from harness.common.files import read_toml
 from harness.common.registry import closest
 from harness.common.units import scale, to_si
+from harness.config.key_types import Name, Number, Quantity, StrictTable
 from harness.config.problems import Problems, validated
-from harness.config.schema import Name, Number, Quantity, StrictTable
 from harness.models.signals import SIGNALS
 from harness.recordings.motion.kinematics import DERIVED
 from harness.recordings.motion.mounting import rotation
