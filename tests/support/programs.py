@@ -153,6 +153,7 @@ MODULES: dict[str, Small | Begun | By] = {
     ),
     "bench": Small("--rounds 1", rf"our UKF is {NUMBER} times as fast as filterpy's"),
     "bench.attribution.changed_criteria": By("bench/test_sensitivity.py::test_a_case_that_is_none_is_told"),
+    "bench.bus_logs": Small("--seconds 0.2", rf"log: 1,000 frames in {NUMBER} s of processor time, .* {NUMBER} GiB"),
     "bench.card": Small(
         "--help", "usage: ", quick=True, apart="only a graphics card does more; here numba simulates one"
     ),

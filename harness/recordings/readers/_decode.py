@@ -215,7 +215,8 @@ def _values(octets: Octets, signal: Any, is_j1939: bool) -> tuple[Floats, Mask]:
     missing = short | _names_no_value(raw, signal)
     if is_j1939 and not (signal.is_signed or signal.conversion.is_float):
         missing |= _not_available(raw, signal.length)
-    values = raw.astype(float)
+    with np.errstate(invalid="ignore"):  # a signalling NaN
+        values = raw.astype(float)
     values *= float(signal.scale)
     values += float(signal.offset)
     values[missing] = np.nan

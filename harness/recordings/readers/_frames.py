@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import logging
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -22,8 +20,6 @@ EXTENDED = 1 << 31
 
 _LISTED = 12
 """Identifiers that a sentence names, the most frequent first."""
-_AT_ONCE = 100_000
-"""Frames of a library that are turned into arrays together."""
 _BYTES = 40
 """That a frame takes in memory beside its payload."""
 
@@ -85,59 +81,6 @@ def joined(parts: Iterable[Part], path: str, what: str, name: Callable[[int], st
         raise UserError(f"{path}: holds no CAN frame with data; is this the {what} of a CAN bus?")
     time, identifier, bus, length, start, payload = (np.concatenate(column) for column in columns)
     return Frames(time, identifier, bus, tuple(map(name, places)), length, start, payload)
-
-
-def of_library(messages: Iterable[Any], path: str, what: str, first_bus: int = 0) -> Frames:
-    """Return the frames that a reader of python-can yields; error and remote frames are left out.
-
-    Args:
-        messages: The reader.
-        path: File, for errors.
-        what: Format, such as ``ASC log``.
-        first_bus: Number in the file of the bus that python-can counts as 0.
-
-    Raises:
-        UserError: As ``joined``.
-    """
-    channels: dict[Any, int] = {}
-    data = (m for m in messages if not (m.is_error_frame or m.is_remote_frame))
-
-    def name(number: int) -> str:
-        channel = list(channels)[number]
-        return str(channel + first_bus if isinstance(channel, int) else channel)
-
-    return joined(_parts(data, channels), path, what, name)
-
-
-def _parts(messages: Iterator[Any], channels: dict[Any, int]) -> Iterator[Part]:
-    while batch := list(islice(messages, _AT_ONCE)):
-        length = np.array([len(m.data) for m in batch], dtype=np.uint8)
-        width = max(int(length.max()), 1)
-        octets = np.frombuffer(b"".join([m.data.ljust(width, b"\0") for m in batch]), dtype=np.uint8)
-        yield (
-            np.array([m.timestamp for m in batch], dtype=float),
-            np.array([m.arbitration_id | EXTENDED * m.is_extended_id for m in batch], dtype=np.uint32),
-            np.array([channels.setdefault(m.channel, len(channels)) for m in batch]),
-            length,
-            octets.reshape(len(batch), width),
-        )
-
-
-def python_can(path: str) -> Any:
-    """Return python-can.
-
-    Raises:
-        UserError: If it is not installed.
-    """
-    try:
-        import can
-
-        logging.getLogger("can").setLevel(logging.ERROR)  # warns of every odd frame
-    except ImportError:
-        raise UserError(
-            f'{path}: bus logs are read with python-can, which is not installed: pip install "robustness-harness[can]"'
-        ) from None
-    return can
 
 
 def in_hex(identifier: int) -> str:
