@@ -7,11 +7,15 @@ and radians; ``report_unit`` is what figures and tables show.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from types import ModuleType
 
+import numpy as np
+
 from harness.common import components
+from harness.common.arrays import Floats
 from harness.common.errors import ModelError
 from harness.models.roles import EFFECTS, SENSORS, TYRES, VEHICLES
 
@@ -27,6 +31,8 @@ class Signal:
         report_unit: Unit of figures and tables (pint).
         frame: Frame the quantity is expressed in.
         meaning: One phrase; the sign convention where it is not that of the frame.
+        periodic: Whether it is an angle (rad) that a whole turn does not change, so that differences of it are taken
+            modulo a turn.
     """
 
     name: str
@@ -35,6 +41,19 @@ class Signal:
     report_unit: str
     frame: str
     meaning: str
+    periodic: bool = False
+
+
+def turn_of(name: str) -> float:
+    """Return after how much a signal repeats itself: a turn (rad), or 0 where it does not."""
+    return 2.0 * math.pi if name in SIGNALS and SIGNALS[name].periodic else 0.0
+
+
+def difference(name: str, values: Floats, others: Floats) -> Floats:
+    """Return values of a signal less others of it; of a periodic one modulo a turn, from -pi to pi."""
+    apart: Floats = np.asarray(values) - np.asarray(others)
+    turn = turn_of(name)
+    return apart - turn * np.floor(apart / turn + 0.5) if turn else apart
 
 
 def _axle_forces(axle: str, where: str) -> list[Signal]:
@@ -222,7 +241,7 @@ _ROWS: list[Signal] = [
     Signal("constraint_violation", r"\gamma", "m/s", "m/s", "tractor", "lateral slip of the kingpin (0 if tied)"),
 ]
 _ROWS += [  # the exercises of KIT 2015
-    Signal("heading", r"\psi", "rad", "deg", "earth", "yaw angle of the vehicle"),
+    Signal("heading", r"\psi", "rad", "deg", "earth", "yaw angle of the vehicle", periodic=True),
     Signal("heading_increment", r"\Delta\psi", "rad", "deg", "earth", "change of heading from sample to sample"),
     Signal("example_state", "x", "dimensionless", "dimensionless", "", "state of the lecture's scalar example"),
     Signal("example_input", "u", "dimensionless", "dimensionless", "", "input of the lecture's scalar example"),

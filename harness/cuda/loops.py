@@ -82,8 +82,8 @@ def simulate_runs(u, between, c, deviation_x, deviation_y, limits, largest, x0, 
 
 
 def estimate_runs(
-    u, y, truth, rows, until, constants, process_noise, measurement_noise, tuning, priors, mean, covariance, memory,
-    limits, options, bounds, scores, per_run,
+    u, y, truth, rows, turns, until, constants, process_noise, measurement_noise, tuning, priors, mean, covariance,
+    memory, limits, options, bounds, scores, per_run,
 ):  # fmt: skip
     """Estimate the run of each thread; see ``harness.runner.scores``, with runs in place of lanes.
 
@@ -101,6 +101,7 @@ def estimate_runs(
         record = (
             own(truth, run),
             rows,
+            turns,
             own(until, run),
             limits,
             options,

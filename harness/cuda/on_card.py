@@ -27,6 +27,7 @@ from harness.engine.simd.lanes import LANES
 from harness.engine.standard_normal import upper_half
 from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.estimation.contract import kernels_of, load_estimator
+from harness.models.signals import turn_of
 from harness.runner.contract import Held
 from harness.runner.filter_loop import BATCH
 from harness.runner.scores import SCORES, Compared, Sums, comparison
@@ -146,12 +147,13 @@ class CardEvaluator:
         self.simulate_kernel = CardKernel("simulate", loops.simulate_runs, compiled.plant, SIMULATION)
         self._copy, self._hold = (CardKernel(f.__name__, f) for f in (loops.copy_row, loops.hold_row))
         within = bool(compiled.belief.model.within)
+        periodic = any(map(turn_of, compiled.belief.model.outputs))
         of_kind = {
             kind: CardKernel(
                 f"estimate_{kind}",
                 loops.estimate_runs,
                 compiled.belief,
-                kernels_of(load_estimator(kind), parameters=within) | BATCH | SCORES,
+                kernels_of(load_estimator(kind), parameters=within, periodic=periodic) | BATCH | SCORES,
             )
             for kind in dict.fromkeys(each.kind for each in study.estimators)
         }
@@ -374,12 +376,13 @@ class CardEvaluator:
     def estimate(self, e: int, simulated: Simulated, begun: Begun) -> tuple[Any, Any]:
         """Run an estimator; return the sums of ``Sums`` on the card."""
         estimator, (belief, first) = self._estimator(e), begun
-        rows, _, options, bounds = self._compared(e)
+        rows, turns, _, options, bounds = self._compared(e)
         runs, priors = first.mean.shape[-1], np.concatenate([np.zeros((1, 2)), estimator.priors])
         errors = cuda.device_array((3, len(estimator.signals), runs))
         per_run = cuda.device_array((10, runs))
         self.estimate_kernels[e](
-            runs, simulated.inputs, simulated.measured, simulated.truth, _sent(rows), simulated.left_at,
+            runs, simulated.inputs, simulated.measured, simulated.truth, _sent(rows), _sent(turns),
+            simulated.left_at,
             *map(_sent, belief[:4]), _sent(priors), *map(_sent, first),
             _sent(estimator.limits), _sent(options), _sent(bounds), errors, per_run,
         )  # fmt: skip

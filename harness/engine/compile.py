@@ -79,6 +79,7 @@ from harness.engine.simd import (
     functions as lane_math,
 )
 from harness.models.assembly.assemble import StateSpaceModel
+from harness.models.signals import turn_of
 
 INTEGRATORS = ("euler", "heun", "rk4")
 
@@ -379,6 +380,9 @@ def model_source(eqs: Equations, step: float, integrator: str, substeps: int, ja
         ),
         *ahead.sources,
     ]
+    turns = [turn_of(name) for name in eqs.model.outputs]
+    if any(turns):
+        parts.append(f"TURNS = np.array({turns})")
     if eqs.within:
         considered = [state in eqs.model.considered for state in eqs.model.within]
         vary = [eqs.slope_varies(state) for state in eqs.model.within]

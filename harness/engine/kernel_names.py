@@ -51,7 +51,7 @@ from harness.engine.simd.random import gather, next_words, normal_pair, uniform
 
 __all__ = [
     "CONSIDERED", "INPUT_ERRORS", "LANES", "LEADING", "NS", "NU", "NW", "NX", "NY", "OUTPUTS_ARE_LINEAR", "PARAMETERS",
-    "SEEN_STATES", "SLOPES_VARY", "Belief", "Info", "StandIn", "State",
+    "SEEN_STATES", "SLOPES_VARY", "TURNS", "Belief", "Info", "StandIn", "State",
     "absolute", "add_input_errors", "any_of", "atan", "central_differences", "cholesky", "correlated_update", "cos",
     "cross_covariance", "deviations", "exp", "floor",
     "gather", "get", "is_nan", "leading_part", "log", "mahalanobis", "maximum", "minimum", "next_covariance",
@@ -142,7 +142,7 @@ def _of_model(name: str) -> Any:
 
 
 NX, NU, NY, NS, NW = (_of_model(n) for n in ("NX", "NU", "NY", "NS", "NW"))
-OUTPUTS_ARE_LINEAR, SEEN_STATES = _of_model("OUTPUTS_ARE_LINEAR"), _of_model("SEEN_STATES")
+OUTPUTS_ARE_LINEAR, SEEN_STATES, TURNS = (_of_model(n) for n in ("OUTPUTS_ARE_LINEAR", "SEEN_STATES", "TURNS"))
 next_state, next_jacobian = _of_model("next_state"), _of_model("next_jacobian")
 next_covariance, next_linear = _of_model("next_covariance"), _of_model("next_linear")
 LEADING, leading_part, next_state_behind = (_of_model(n) for n in ("LEADING", "leading_part", "next_state_behind"))

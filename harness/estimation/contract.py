@@ -103,13 +103,16 @@ def traced() -> tuple[str, ...]:
     return tuple(sorted((kind for kind, place in places.items() if place), key=lambda kind: places[kind]))
 
 
-def kernels_of(file: SimpleNamespace, input_errors: bool = False, parameters: bool = False) -> dict[Any, Any]:
+def kernels_of(
+    file: SimpleNamespace, input_errors: bool = False, parameters: bool = False, periodic: bool = False
+) -> dict[Any, Any]:
     """Return the kernels of an estimator's file by what stands for them in the loops over time.
 
     Args:
         file: From ``load_estimator``.
         input_errors: Whether it is told what the errors of its inputs do (``Belief.input_errors``).
         parameters: Whether parameters are among its states, which are settled after each step.
+        periodic: Whether measurements are periodic, whose innovations are taken modulo a turn.
     """
     kernels = {
         INPUT_ERRORS: int(input_errors),
@@ -120,4 +123,6 @@ def kernels_of(file: SimpleNamespace, input_errors: bool = False, parameters: bo
     if parameters:
         by_gain = filter_loop.settle_parameters if file.KALMAN_TYPE else filter_loop.bound_parameters
         kernels[filter_loop.settle] = by_gain
+    if periodic:
+        kernels[filter_loop.nearest_turn] = filter_loop.nearest_turns
     return kernels

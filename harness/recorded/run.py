@@ -29,7 +29,7 @@ from harness.identification.data import DriveData
 from harness.identification.innovations import Innovations
 from harness.identification.signal_noise import white_variance
 from harness.models.roles import SENSORS
-from harness.models.signals import TRUTH, signal_attributes
+from harness.models.signals import TRUTH, difference, signal_attributes
 from harness.recordings.motion.kinematics import with_sideslip
 from harness.runner.contract import Held, History, InputSeries
 from harness.runner.history import EverySample
@@ -367,7 +367,7 @@ def _put_errors(
     errors = np.empty((len(kept.estimate), len(references)))
     for r, (name, source) in enumerate(references.items()):
         truth = np.asarray(recording[source].values, dtype=float)
-        errors[:, r] = kept.estimate[:, names.index(name)] - truth
+        errors[:, r] = difference(name, kept.estimate[:, names.index(name)], truth)
         _put(data, f"reference_{name}", truth, name, "reference of the {}")
         noise = 0.0 if source.startswith(TRUTH) else math.sqrt(white_variance([truth]))
         data[f"reference_{name}"].attrs |= {"channel": source, "noise_std": noise}

@@ -29,9 +29,11 @@ from harness.engine.kernel_names import (
     NY,
     PARAMETERS,
     SLOPES_VARY,
+    TURNS,
     Info,
     StandIn,
     State,
+    floor,
     get,
     next_state,
     output,
@@ -89,8 +91,32 @@ def advance(before, u_before, u, y, belief, work, after, info):
     ``step`` stands in for that of a file in ``harness/estimation/methods``, put in by
     ``harness.estimation.contract.kernels_of``.
     """
-    step(before, u_before, u, y, belief, work, after, info)
+    step(before, u_before, u, nearest_turn(before, u, y, belief), belief, work, after, info)
     settle(before, u, belief, after, info)
+
+
+def nearest_turn(before, u, y, belief):
+    """Stand in for ``nearest_turns`` where no measurement is periodic.
+
+    Put in by ``estimation.contract.kernels_of``.
+    """
+    return y
+
+
+def nearest_turns(before, u, y, belief):
+    """Return measurements ``(ny, LANES)``, those of periodic signals at the turn nearest to the state before.
+
+    Innovations are then differences modulo a turn, whatever the estimator; no angle is expected to move by half a turn
+    from sample to sample.
+    """
+    expected, nearest = np.empty((NY, LANES)), np.empty((NY, LANES))
+    output(before.mean, u, belief.constants, expected)
+    for a in range(NY):
+        value = get(y, a)
+        if TURNS[a] > 0.0:
+            value = value - TURNS[a] * floor((value - get(expected, a)) / TURNS[a] + 0.5)
+        put(value, nearest, a)
+    return nearest
 
 
 def turned(before, after):

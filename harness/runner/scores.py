@@ -25,6 +25,7 @@ from harness.engine.kernel_names import (
     Belief,
     State,
     cholesky,
+    floor,
     get,
     mahalanobis,
     put,
@@ -34,6 +35,7 @@ from harness.engine.kernel_names import (
     splat,
     sqrt,
 )
+from harness.models.signals import turn_of
 from harness.runner.contract import Filter, History, Recorder
 from harness.runner.filter_loop import record_first, record_sample, recording_room, run_filter, write_covariance
 from harness.runner.simulation_loop import LARGEST, outside, surprised, undefined
@@ -118,18 +120,20 @@ class Compared(NamedTuple):
 
     Attributes:
         rows: ``(nx + ns,)``.
+        turns: After how much each repeats itself ``(nx + ns,)``; 0 where it does not.
         without: Targets that have no score ``(ns,)``; ``None`` where all have one.
         options: ``(4,)``.
         bounds: ``(1 + max(nx, ny), 2)``.
     """
 
     rows: NDArray[np.int64]
+    turns: Floats
     without: Mask | None
     options: Floats
     bounds: Floats
 
 
-def run_and_score(inputs, y, truth, rows, until, belief, first, limits, options, bounds, scores, per_run, kept):
+def run_and_score(inputs, y, truth, rows, turns, until, belief, first, limits, options, bounds, scores, per_run, kept):
     """Run the estimator over batches and score it against the truth while it runs.
 
     With an axis of batches in front come all that end in ``LANES`` but ``belief.input_errors``; that of ``inputs`` may
@@ -141,6 +145,7 @@ def run_and_score(inputs, y, truth, rows, until, belief, first, limits, options,
         truth: The plant's signals ``(samples, plant signals, LANES)``.
         rows: Row of ``truth`` of each state of the estimator, then of each target ``(nx + ns,)``; -1 where the
             plant has no such quantity, or the estimator does not give it.
+        turns: After how much each of these repeats itself ``(nx + ns,)``; 0 where it does not.
         until: Scores stop before this sample ``(1, LANES)``; the truth of every target is a number up to there.
         belief: ``harness.engine.kernel_names.Belief``.
         first: ``harness.engine.kernel_names.State`` before the first step.
@@ -163,7 +168,7 @@ def run_and_score(inputs, y, truth, rows, until, belief, first, limits, options,
             belief.input_errors, belief.priors,
         )  # fmt: skip
         begun = State(first.mean[b], first.covariance[b], first.memory[b])
-        record = truth[b], rows, until[b], limits, options, bounds, scores[b], per_run[b], kept[b]
+        record = truth[b], rows, turns, until[b], limits, options, bounds, scores[b], per_run[b], kept[b]
         run_filter(source, held, begun, memories, record)
 
 
@@ -177,7 +182,7 @@ def room_of_scores():
 
 def begin_scores(samples, state, u, belief, room, record):
     """Set all sums to zero and keep the first estimates, if any are kept."""
-    _, _, _, _, _, _, scores, per_run, kept = record
+    _, _, _, _, _, _, _, scores, per_run, kept = record
     (s, slopes), _ = room
     scores[:] = 0.0
     per_run[:] = 0.0
@@ -188,7 +193,7 @@ def begin_scores(samples, state, u, belief, room, record):
 
 def add_scores(k, state, previous, u_before, u, y, belief, work, info, room, record):
     """Add one sample to all sums, as far as the run has not diverged, and keep the estimates."""
-    truth, rows, until, limits, options, bounds, scores, per_run, kept = record
+    truth, rows, turns, until, limits, options, bounds, scores, per_run, kept = record
     (s, slopes), (factor, error, scratch) = room
     every, comparable, stated = int(options[0]), options[1] > 0.5, options[2] > 0.5
     diverged = get(per_run, 9)
@@ -200,21 +205,28 @@ def add_scores(k, state, previous, u_before, u, y, belief, work, info, room, rec
     diverged = select(bad, 1.0 * k, diverged)
     put(diverged, per_run, 9)
     active = (diverged > 1.0 * k) & (get(until, 0) > 1.0 * k) & (splat(1.0 * k) >= options[3])
-    score_targets(s, truth[k], rows, active, scores)
+    score_targets(s, truth[k], rows, turns, active, scores)
     score_information(info, active, bounds, per_run)
     if comparable and k % every == 0:
         write_covariance(state, work)
-        score_covariance(state, truth[k], rows, active, bounds, factor, error, scratch, per_run)
+        score_covariance(state, truth[k], rows, turns, active, bounds, factor, error, scratch, per_run)
     if kept.shape[0] > 0:
         write_covariance(state, work)
         keep_targets(state, u, belief, s, slopes, kept[k])
 
 
-def score_targets(s, truth, rows, active, scores):
+def within_turn(apart, turn):
+    """Return a difference, of what repeats itself after a turn the one nearest to zero."""
+    if turn > 0.0:
+        return apart - turn * floor(apart / turn + 0.5)
+    return apart
+
+
+def score_targets(s, truth, rows, turns, active, scores):
     """Add one sample's target errors."""
     for i in range(NS):
         if rows[NX + i] >= 0:
-            e = select(active, get(s, i) - get(truth, rows[NX + i]), 0.0)
+            e = select(active, within_turn(get(s, i) - get(truth, rows[NX + i]), turns[NX + i]), 0.0)
             put(get(scores, 0, i) + e * e, scores, 0, i)
             put(get(scores, 1, i) + e, scores, 1, i)
             magnitude = select(e < 0.0, -e, e)
@@ -239,11 +251,11 @@ def score_information(info, active, bounds, per_run):
     put(get(per_run, 8) + select(active, get(info.repairs, 0), 0.0), per_run, 8)
 
 
-def score_covariance(state, truth, rows, active, bounds, factor, error, scratch, per_run):
+def score_covariance(state, truth, rows, turns, active, bounds, factor, error, scratch, per_run):
     """Add one sample's normalised estimation error squared."""
     cholesky(state.covariance, factor, NX)
     for i in range(NX):
-        put(get(state.mean, i) - get(truth, rows[i]), error, i)
+        put(within_turn(get(state.mean, i) - get(truth, rows[i]), turns[i]), error, i)
     nees = mahalanobis(factor, error, scratch, NX)
     used = active & (nees == nees)
     put(get(per_run, 1) + select(used, nees, 0.0), per_run, 1)
@@ -302,7 +314,7 @@ class Scoring:
         filter_: Filter,
     ) -> Sums:
         """Run the compiled loop over batches and return the sums."""
-        rows, without, options, bounds = self.compared(filter_)
+        rows, turns, without, options, bounds = self.compared(filter_)
         samples, targets, lead = self.truth.shape[-3], len(filter_.signals), self.truth.shape[:-3]
         sums, per_run = np.empty((*lead, 3, targets, LANES)), np.empty((*lead, 10, LANES))
         kept_ = np.empty((*lead, samples if self.keep else 0, 2, targets, LANES))
@@ -312,6 +324,7 @@ class Scoring:
             batches(measurements, 3),
             batches(self.truth, 3),
             rows,
+            turns,
             self.until.reshape(-1, 1, LANES),
             belief._replace(
                 constants=batches(belief.constants, 2),
@@ -345,7 +358,7 @@ class Scoring:
             errors, per_run = np.stack([p.errors for p in parts]), np.stack([p.per_run for p in parts])
             over_time = [p.kept for p in parts if p.kept is not None]
             return Sums(errors, per_run, filter_.has_covariance, np.stack(over_time) if over_time else None)
-        rows, without, (every, comparable, stated, _), bounds = self.compared(filter_)
+        rows, turns, without, (every, comparable, stated, _), bounds = self.compared(filter_)
         nx, samples = len(filter_.ports.states), self.truth.shape[-3]
         targets, chosen = rows[nx:], rows[nx:] >= 0
         k = np.arange(samples)[:, None]
@@ -362,14 +375,14 @@ class Scoring:
             active = (k > 0) & (k < np.minimum(diverged, self.until)[..., None, :]) & (k >= self.since)
             error = np.zeros_like(history.estimate)
             error[..., chosen, :] = history.estimate[..., chosen, :] - self.truth[..., targets[chosen], :]
-            error = np.where(active[..., None, :], error, 0.0)
+            error = np.where(active[..., None, :], _within_turns(error, turns[nx:]), 0.0)
             errors = np.stack([(error**2).sum(-3), error.sum(-3), np.abs(error).max(-3)], axis=-3)
             used = active & (seen > 0)
             low, high = np.moveaxis(bounds[np.where(used, seen, 0).astype(int)], -1, 0)
             nees = np.full(active.shape, np.nan)
             if comparable:
                 due = slice(0, None, int(every))
-                nees[..., due, :] = self._nees(history, rows[:nx], due)
+                nees[..., due, :] = self._nees(history, rows[:nx], turns[:nx], due)
             weighed = active & np.isfinite(nees)
             inside = weighed & (nees >= bounds[nx, 0]) & (nees <= bounds[nx, 1])
             counted = [
@@ -383,14 +396,22 @@ class Scoring:
         kept_ = np.stack([history.estimate, history.deviation], axis=-3) if self.keep else None
         return Sums(errors, per_run, filter_.has_covariance, kept_)
 
-    def _nees(self, history: History, rows: NDArray[np.int64], due: slice) -> Floats:
+    def _nees(self, history: History, rows: NDArray[np.int64], turns: Floats, due: slice) -> Floats:
         """Return the NEES at some samples ``(..., samples, LANES)``, NaN where the covariance has no inverse."""
-        error = np.moveaxis(history.mean - self.truth[..., rows, :], -1, -2)[..., due, :, :]
+        error = _within_turns(history.mean - self.truth[..., rows, :], turns)
+        error = np.moveaxis(error, -1, -2)[..., due, :, :]
         covariance = np.moveaxis(history.state_covariance, -1, -3)[..., due, :, :, :]
         lost = ~np.isfinite(covariance).all(axis=(-1, -2)) | (np.linalg.det(np.nan_to_num(covariance)) == 0.0)
         covariance = np.where(lost[..., None, None], np.eye(len(rows)), covariance)
         nees = np.einsum("...i,...i->...", error, np.linalg.solve(covariance, error[..., None])[..., 0])
         return np.where(lost | (nees < 0.0), np.nan, nees)
+
+
+def _within_turns(apart: Floats, turns: Floats) -> Floats:
+    """Return differences ``(..., n, LANES)``, those of signals that repeat themselves nearest to zero."""
+    for i in np.flatnonzero(turns):
+        apart[..., i, :] -= turns[i] * np.floor(apart[..., i, :] / turns[i] + 0.5)
+    return apart
 
 
 def comparison(filter_: Filter, names: tuple[str, ...], since: int) -> Compared:
@@ -415,10 +436,11 @@ def _compared(
     rows = np.array([names.index(n) if n in names else -1 for n in (*states, *signals)], dtype=np.int64)
     comparable = stated and bool(np.all(rows[: len(states)] >= 0))
     rows[len(states) :][~np.array(given, dtype=bool)] = -1
+    turns = np.array([turn_of(n) for n in (*states, *signals)])
     without = rows[len(states) :] < 0
     options = np.array([NEES_EVERY, comparable, stated, since], dtype=float)
     bounds = chi_square_bounds(1 + max(len(states), outputs))
-    return Compared(rows, without if without.any() else None, options, bounds)
+    return Compared(rows, turns, without if without.any() else None, options, bounds)
 
 
 def chi_square_bounds(count: int, coverage: float = COVERAGE) -> Floats:
