@@ -193,9 +193,10 @@ class Estimates(Shown):
     @property
     def notes(self) -> list[str]:
         """What is irregular about the recordings, and what the estimates leave out."""
-        from harness.recorded.run import inputs_in_words
+        from harness.recorded.run import certain_in_words, inputs_in_words
 
-        return [*self._estimated.warnings, inputs_in_words(self._estimated.runs)]
+        runs = self._estimated.runs
+        return [*self._estimated.warnings, *certain_in_words(runs), inputs_in_words(runs)]
 
     def report(
         self,

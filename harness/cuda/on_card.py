@@ -27,7 +27,6 @@ from harness.engine.simd.lanes import LANES
 from harness.engine.standard_normal import upper_half
 from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.estimation.contract import kernels_of, load_estimator
-from harness.models.signals import turn_of
 from harness.runner.contract import Held
 from harness.runner.filter_loop import BATCH
 from harness.runner.scores import SCORES, Compared, Sums, comparison
@@ -146,14 +145,12 @@ class CardEvaluator:
         self._draw = CardKernel("noise", loops.draw_noise, None, {upper_half: upper_half_on_card})
         self.simulate_kernel = CardKernel("simulate", loops.simulate_runs, compiled.plant, SIMULATION)
         self._copy, self._hold = (CardKernel(f.__name__, f) for f in (loops.copy_row, loops.hold_row))
-        within = bool(compiled.belief.model.within)
-        periodic = any(map(turn_of, compiled.belief.model.outputs))
         of_kind = {
             kind: CardKernel(
                 f"estimate_{kind}",
                 loops.estimate_runs,
                 compiled.belief,
-                kernels_of(load_estimator(kind), parameters=within, periodic=periodic) | BATCH | SCORES,
+                kernels_of(load_estimator(kind), compiled.belief.model) | BATCH | SCORES,
             )
             for kind in dict.fromkeys(each.kind for each in study.estimators)
         }

@@ -17,7 +17,6 @@ from harness.engine.compile import CompiledModel, load_source, paste
 from harness.engine.kernel_names import Belief, Info, State
 from harness.engine.simd.lanes import LANES
 from harness.estimation.contract import kernels_of, load_estimator
-from harness.models.signals import turn_of
 from harness.runner.contract import Held, InputSeries, Kept, Ports, Record, Recorder
 from harness.runner.filter_loop import BATCH, RECORDING
 from harness.runner.scores import Scoring
@@ -90,9 +89,7 @@ class CompiledEstimator:
         """Return the estimator's kernels with a recorder's, and the reader of a batch or of a recording."""
         name, key = recorder.loop.__name__, (recorder.loop, *recorder.kernels.values(), recorded)
         if key not in self._modules:
-            model = self.compiled.model
-            periodic = any(map(turn_of, model.outputs))
-            kernels = kernels_of(self._file, self._uncertain or recorded, bool(model.within), periodic)
+            kernels = kernels_of(self._file, self.compiled.model, self._uncertain or recorded)
             kernels |= (RECORDING if recorded else BATCH) | dict(recorder.kernels)
             source = paste(self.compiled, f"{name} of {self.kind}", [recorder.loop], kernels)
             self._modules[key] = load_source(f"{name}_{self.kind}", source)

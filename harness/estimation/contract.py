@@ -57,6 +57,8 @@ from pydantic import BaseModel, ConfigDict
 
 from harness.config.roles import ESTIMATORS
 from harness.engine.kernel_names import INPUT_ERRORS
+from harness.models.assembly.assemble import StateSpaceModel
+from harness.models.signals import turn_of
 from harness.runner import filter_loop
 
 
@@ -104,15 +106,15 @@ def traced() -> tuple[str, ...]:
 
 
 def kernels_of(
-    file: SimpleNamespace, input_errors: bool = False, parameters: bool = False, periodic: bool = False
+    file: SimpleNamespace, model: StateSpaceModel | None = None, input_errors: bool = False
 ) -> dict[Any, Any]:
     """Return the kernels of an estimator's file by what stands for them in the loops over time.
 
     Args:
         file: From ``load_estimator``.
+        model: What it believes in: parameters among its states are settled after each step, and innovations of periodic
+            measurements are taken modulo a turn.
         input_errors: Whether it is told what the errors of its inputs do (``Belief.input_errors``).
-        parameters: Whether parameters are among its states, which are settled after each step.
-        periodic: Whether measurements are periodic, whose innovations are taken modulo a turn.
     """
     kernels = {
         INPUT_ERRORS: int(input_errors),
@@ -120,9 +122,9 @@ def kernels_of(
         filter_loop.step: file.step,
         filter_loop.write_covariance: file.write_covariance,
     }
-    if parameters:
+    if model is not None and model.within:
         by_gain = filter_loop.settle_parameters if file.KALMAN_TYPE else filter_loop.bound_parameters
         kernels[filter_loop.settle] = by_gain
-    if periodic:
+    if model is not None and any(map(turn_of, model.outputs)):
         kernels[filter_loop.nearest_turn] = filter_loop.nearest_turns
     return kernels

@@ -118,7 +118,7 @@ class ExternalContestant:
 def _kernels(kind: str, compiled: CompiledModel) -> Any:
     file = load_estimator(kind)
     functions = [file.workspace, timed_loop.timed_steps, timed_loop.timed_nothing]
-    source = paste(compiled, kind, functions, kernels_of(file, parameters=bool(compiled.model.within)))
+    source = paste(compiled, kind, functions, kernels_of(file, compiled.model))
     return load_source(f"time_{kind}", in_one_lane(source))
 
 

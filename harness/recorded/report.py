@@ -18,7 +18,7 @@ from harness.common.files import json_text, write_files
 from harness.identification.report import WHITENESS, whiteness_cells
 from harness.models.quantities import listed, quantity, words
 from harness.recorded import figures
-from harness.recorded.run import inputs_in_words
+from harness.recorded.run import certain_in_words, inputs_in_words
 from harness.recorded.summary import RunSummary, is_coloured, outputs_of, record, references_of, signals_of, verdicts
 from harness.recordings.read.write import write_recording
 from harness.reporting import style
@@ -270,6 +270,7 @@ def _made(estimated: Estimated, command: str) -> list[Block]:
         f"Model {first.attrs['model']} with the parameters {first.attrs['parameters']}; recorded inputs {held}.",
         *(f"{name}: settings {text}." for name, text in settings.items() if text != "none"),
         *estimated.warnings,
+        *certain_in_words(estimated.runs),
     ]
     return [Bullets([plain(n) for n in notes]), Listing(command, "sh")]
 

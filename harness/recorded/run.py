@@ -63,6 +63,19 @@ def inputs_in_words(runs: Sequence[xr.Dataset]) -> str:
     return " ".join(f"{', '.join(names)}: {words}" for words, names in by_comment.items())
 
 
+def certain_in_words(runs: Sequence[xr.Dataset]) -> list[str]:
+    """Say which states estimators begin with as certain, because a free run does not move them."""
+    names = list(dict.fromkeys(name for run in runs for name in str(run.attrs["certain"]).split(", ") if name))
+    if not names:
+        return []
+    values = ", ".join(f"{name} = ..." for name in names)
+    return [
+        f"{', '.join(names)}: a free run does not move {'it' if len(names) == 1 else 'them'}, so the estimate begins "
+        f"with the variance of a single step's process noise; state START_VARIANCE = dict({values}) in the vehicle's "
+        "file if it is less sure than that"
+    ]
+
+
 WANDERING = 10.0
 """s; an unknown input begins as far from zero as its random walk gets in this time."""
 
@@ -137,6 +150,16 @@ class RecordedModel:
             elif state in spec.unknown_inputs:
                 variance[i] = spec.process_noise[state] * max(1.0, WANDERING / spec.step)
         return replace(drive, first_variance=variance)
+
+    def certain(self, drive: DriveData) -> list[str]:
+        """Return the states whose first variance is no more than what a step adds, though nobody states it."""
+        model, noise = self.spec.model(), self.spec.process_noise
+        stated = {*model.start_variance, *model.outputs, *self.spec.unknown_inputs}
+        return [
+            state
+            for state, variance in zip(model.states, drive.first_variance, strict=True)
+            if state not in stated and variance <= noise[state]
+        ]
 
     def reference(self, recording: xr.Dataset) -> dict[str, str]:
         """Return the signal of a recording that is the reference of each estimated one, where there is any.
@@ -232,7 +255,7 @@ class RecordedEstimator:
             Attributes: ``estimator``, ``settings``, ``model``, ``parameters`` (their set), ``estimated_parameters``,
             ``recording``, ``start`` and ``begun`` (as of it), ``diverged_at`` (s, NaN if it did not),
             ``log_likelihood`` (sum), ``repairs`` (samples with a covariance factor that had to be repaired),
-            ``updates`` (samples with a measurement), ``inputs``, ``comment``.
+            ``updates`` (samples with a measurement), ``inputs``, ``certain`` (states that begin so), ``comment``.
 
         Raises:
             UserError: If a signal is missing, an input has a gap, or the step is not the model's.
@@ -301,6 +324,7 @@ class RecordedEstimator:
             "repairs": int(np.nansum(kept.facts[:, 3])),
             "updates": int(np.isfinite(drive.measurements[1:until]).any(axis=1).sum()),
             "inputs": self.model.inputs,
+            "certain": ", ".join(self.model.certain(drive)),
             "comment": SMOOTHED if self.input_signal is None else _CAUSAL[self.input_signal],
         }
         return data

@@ -114,9 +114,16 @@ def nearest_turns(before, u, y, belief):
     for a in range(NY):
         value = get(y, a)
         if TURNS[a] > 0.0:
-            value = value - TURNS[a] * floor((value - get(expected, a)) / TURNS[a] + 0.5)
+            value = get(expected, a) + within_turn(value - get(expected, a), TURNS[a])
         put(value, nearest, a)
     return nearest
+
+
+def within_turn(apart, turn):
+    """Return a difference, of what repeats itself after a turn the one nearest to zero; a turn of 0 is none."""
+    if turn > 0.0:
+        return apart - turn * floor(apart / turn + 0.5)
+    return apart
 
 
 def turned(before, after):

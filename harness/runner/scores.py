@@ -25,7 +25,6 @@ from harness.engine.kernel_names import (
     Belief,
     State,
     cholesky,
-    floor,
     get,
     mahalanobis,
     put,
@@ -37,7 +36,14 @@ from harness.engine.kernel_names import (
 )
 from harness.models.signals import turn_of
 from harness.runner.contract import Filter, History, Recorder
-from harness.runner.filter_loop import record_first, record_sample, recording_room, run_filter, write_covariance
+from harness.runner.filter_loop import (
+    record_first,
+    record_sample,
+    recording_room,
+    run_filter,
+    within_turn,
+    write_covariance,
+)
 from harness.runner.simulation_loop import LARGEST, outside, surprised, undefined
 
 NEES_EVERY = 10
@@ -215,13 +221,6 @@ def add_scores(k, state, previous, u_before, u, y, belief, work, info, room, rec
         keep_targets(state, u, belief, s, slopes, kept[k])
 
 
-def within_turn(apart, turn):
-    """Return a difference, of what repeats itself after a turn the one nearest to zero."""
-    if turn > 0.0:
-        return apart - turn * floor(apart / turn + 0.5)
-    return apart
-
-
 def score_targets(s, truth, rows, turns, active, scores):
     """Add one sample's target errors."""
     for i in range(NS):
@@ -323,22 +322,15 @@ class Scoring:
             tuple(batches(each, dimensions) for each, dimensions in zip(inputs, (3, 3, 4, 4), strict=True)),
             batches(measurements, 3),
             batches(self.truth, 3),
-            rows,
-            turns,
-            self.until.reshape(-1, 1, LANES),
+            rows, turns, self.until.reshape(-1, 1, LANES),
             belief._replace(
                 constants=batches(belief.constants, 2),
                 process_noise=batches(belief.process_noise, 2),
                 measurement_noise=batches(belief.measurement_noise, 2),
             ),
             State(batches(first.mean, 2), batches(first.covariance, 3), batches(first.memory, 2)),
-            limits,
-            options,
-            bounds,
-            batches(sums, 3),
-            batches(per_run, 2),
-            batches(kept_, 4),
-        )
+            limits, options, bounds, batches(sums, 3), batches(per_run, 2), batches(kept_, 4),
+        )  # fmt: skip
         if without is not None:
             sums[..., without, :] = np.nan
         if self.keep:

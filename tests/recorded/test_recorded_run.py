@@ -8,7 +8,7 @@ from harness.config import resolve_single
 from harness.engine.simd.lanes import LANES
 from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.identification.filtered_model import Candidates
-from harness.recorded.run import RecordedEstimator, RecordedModel
+from harness.recorded.run import RecordedEstimator, RecordedModel, certain_in_words
 from harness.simulation.simulate import in_lanes, variances
 from support.identification import CAR, TRUCK, model_of, recorded
 
@@ -85,6 +85,21 @@ def test_variables_carry_their_units_and_what_belongs_to_them(car, drive):
     assert run.attrs["estimator"] == "mine"
     assert run.attrs["settings"] == "alpha=0.5"
     assert "given all samples" in run.attrs["comment"]
+
+
+def test_a_state_that_nothing_moves_begins_certain_and_is_said():
+    spec = resolve_single({**TRUCK, "sensors": "series"}, "test")
+    model = RecordedModel(spec, inputs="held", jobs=1)
+    curved = recorded(spec, 1, duration=6.0, speed=15.0, amplitude=0.3)
+    straight = curved.copy(deep=True)
+    straight["steering_wheel_angle"][:] = 0.0
+    for name in spec.model().outputs:
+        straight[name][0] = 0.0  # a measured state begins as measured
+    moved, at_rest = (RecordedEstimator(model, "ekf").run(each) for each in (curved, straight))
+    unmeasured = [state for state in spec.model().states if state not in spec.model().outputs]
+    assert certain_in_words([moved]) == []
+    (sentence,) = certain_in_words([at_rest, at_rest])
+    assert sentence.startswith(f"{', '.join(unmeasured)}: a free run does not move them")
 
 
 def test_a_particle_filter_follows_its_seed():
