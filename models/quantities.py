@@ -6,8 +6,11 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from harness.common.arrays import Floats
 from harness.common.units import registry
-from harness.models.signals import SIGNALS
+from harness.models.signals import SIGNALS, turn_of
 
 
 @dataclass(frozen=True)
@@ -71,3 +74,10 @@ def listed(parts: Sequence[str]) -> str:
     if not parts:
         return "nothing"
     return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
+
+
+def difference(name: str, values: Floats, others: Floats) -> Floats:
+    """Return values of a signal less others of it; of a periodic one modulo a turn, from -pi to pi."""
+    apart: Floats = np.asarray(values) - np.asarray(others)
+    turn = turn_of(name)
+    return apart - turn * np.floor(apart / turn + 0.5) if turn else apart

@@ -12,10 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from types import ModuleType
 
-import numpy as np
-
 from harness.common import components
-from harness.common.arrays import Floats
 from harness.common.errors import ModelError
 from harness.models.roles import EFFECTS, SENSORS, TYRES, VEHICLES
 
@@ -47,13 +44,6 @@ class Signal:
 def turn_of(name: str) -> float:
     """Return after how much a signal repeats itself: a turn (rad), or 0 where it does not."""
     return 2.0 * math.pi if name in SIGNALS and SIGNALS[name].periodic else 0.0
-
-
-def difference(name: str, values: Floats, others: Floats) -> Floats:
-    """Return values of a signal less others of it; of a periodic one modulo a turn, from -pi to pi."""
-    apart: Floats = np.asarray(values) - np.asarray(others)
-    turn = turn_of(name)
-    return apart - turn * np.floor(apart / turn + 0.5) if turn else apart
 
 
 def _axle_forces(axle: str, where: str) -> list[Signal]:

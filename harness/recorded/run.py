@@ -28,8 +28,9 @@ from harness.estimation.filters import estimator_of
 from harness.identification.data import DriveData
 from harness.identification.innovations import Innovations
 from harness.identification.signal_noise import white_variance
+from harness.models.quantities import difference
 from harness.models.roles import SENSORS
-from harness.models.signals import TRUTH, difference, signal_attributes
+from harness.models.signals import TRUTH, signal_attributes
 from harness.recordings.motion.kinematics import with_sideslip
 from harness.runner.contract import Held, History, InputSeries
 from harness.runner.history import EverySample

@@ -7,7 +7,8 @@ from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
 from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.models.assembly.assemble import assemble
-from harness.models.signals import difference, turn_of
+from harness.models.quantities import difference
+from harness.models.signals import turn_of
 from harness.runner.contract import Held, History, InputSeries
 from harness.runner.history import EverySample
 from harness.runner.scores import Scoring
