@@ -218,6 +218,7 @@ def _filled(template: str, name: str) -> str:
 def _channels(given: str, databases: list[str], out: Path | None, console: Console) -> tuple[str, list[Path]]:
     """Propose a channel map of a recording, print what was guessed and why, and write it."""
     from harness.recordings.proposal.propose import propose
+    from harness.recordings.readers import reader_of
 
     called = Path(given.rstrip("/")).name.partition(".")[0]
     if out is None:
@@ -227,6 +228,11 @@ def _channels(given: str, databases: list[str], out: Path | None, console: Conso
             refuse_links(root, [f"{locations.CHANNELS.in_project}/{called}.toml"])
     if out.exists():
         raise UserError(f"{locations.shown(out)}: is there already, and nothing is written over; say another by --out")
+    if reader_of(out) is not None:
+        raise UserError(
+            f"--out {out}: a channel map is written as TOML, and '{out.suffix}' is the suffix of a recording; say "
+            f"{out.with_suffix('.toml')}"
+        )
     proposal = propose(Path(given), databases, out.parent)
     for sentence in proposal.lines():
         console.print(Text(sentence), soft_wrap=True)

@@ -225,3 +225,9 @@ def test_a_channel_map_goes_where_maps_are_found(run, lab):
     assert run("new", "channels", "lap.csv")[0] == 2
     assert run("new", "channels", "nowhere.csv")[0] == 2
     assert run("new", "effect", "mine", "--out", "x")[0] == 2
+    for name in ("new.csv", "new.mf4", "lap.csv"):
+        assert run("new", "channels", "lap.csv", "--out", name)[0] == 2
+    assert not (lab / "new.csv").exists()
+    assert (lab / "lap.csv").read_text().startswith("time [s]")
+    assert run("new", "channels", "lap.csv", "--out", "new.toml")[0] == 0
+    assert run("new", "channels", "lap.csv", "--database", "a.dbc", "--out", "b.toml")[0] == 2

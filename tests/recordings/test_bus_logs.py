@@ -12,6 +12,7 @@ from asammdf import MDF, Signal
 
 from harness.common.errors import UserError
 from harness.recordings import load_recording, readers
+from harness.recordings.check.run import check_recording
 from harness.recordings.proposal.propose import propose
 from harness.recordings.readers import _text_frames, asc, mdf, trc
 from harness.recordings.readers._decode import Octets, raw_values
@@ -319,6 +320,21 @@ def test_an_absent_package_is_one_line_that_names_the_extra(log, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "cantools", None)
     with pytest.raises(UserError, match=r"pip install \"robustness-harness\[can\]\"$"):
         readers.read_tables(log[2]["asc"], None, [str(log[1])])
+
+
+def test_a_database_for_a_file_that_is_no_bus_log_is_refused_and_one_of_a_map_is_not(log, tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("time,Motion.Speed\n" + "".join(f"{0.1 * i},{i}\n" for i in range(50)), encoding="utf-8")
+    for read in (propose, lambda path, stated: check_recording(path, databases=stated)):
+        with pytest.raises(UserError, match=r"is no bus log.*--database"):
+            read(path, [str(log[1])])
+    both = {"title": "a", "database": str(log[1]), "time": {"channel": "time", "unit": "s"}}
+    both["speed"] = {"channel": "Motion.Speed", "unit": "m/s"}
+    assert len(load_recording(path, both)["speed"]) == len(check_recording(path, both).recording["speed"]) == 50
+    with MDF(version="4.10") as file:
+        file.append([Signal(np.arange(50.0), 0.1 * np.arange(50), name="speed")])
+        file.save(tmp_path / "a.mf4")
+    assert "no raw frames" in readers.read_tables(tmp_path / "a.mf4", None, [str(log[1])])[0].notes[0]
 
 
 def test_blocks_that_unpack_into_more_than_they_state_are_refused(log, tmp_path):

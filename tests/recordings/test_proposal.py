@@ -344,6 +344,29 @@ def test_columns_of_several_clocks_are_compared(tmp_path):
     assert "lateral acceleration over speed times yaw rate: 1.0" in propose(tmp_path / "a.mat").text
 
 
+@pytest.mark.parametrize("stem", ["linear.", "twist.linear.", "linear_"])
+def test_the_linear_part_of_a_twist_is_a_velocity(recording, stem):
+    seconds = np.floor(TIME) + 1.7e9
+    turning = stem.replace("linear", "angular")
+    columns = {"header.stamp.sec": seconds, "header.stamp.nsec": np.round(TIME % 1 * 1e9), f"{stem}x": SPEED}
+    found = guessed(recording(**columns, **{f"{stem}y": 0.02 * np.sin(TIME), f"{turning}z": RATE}))
+    assert found["speed"] == (f"{stem}x", "m/s", 1)
+    assert found["lateral_velocity"] == (f"{stem}y", "m/s", 1)
+    assert found["yaw_rate"] == (f"{turning}z", "rad/s", 1)
+    assert "position_x" not in found
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+def test_the_yaw_rate_of_the_quicker_unit_is_taken(tmp_path, noise):
+    scipy_io = pytest.importorskip("scipy.io")
+    slow = TIME[::5]
+    odometry = {"time": slow, "yaw_rate": RATE[::5], "speed": SPEED[::5], "heading": np.cumsum(RATE)[::5] * 0.02}
+    unit = {"time": TIME, "yaw_rate": noisy(RATE, noise), "ay": noisy(SPEED * RATE, 0.1)}
+    scipy_io.savemat(tmp_path / "a.mat", {"odometry": odometry, "unit": unit})
+    assert guessed(tmp_path / "a.mat")["yaw_rate"][0] == "unit.yaw_rate"
+    assert "it has more samples" in propose(tmp_path / "a.mat").left_out["odometry.yaw_rate"]
+
+
 @pytest.mark.parametrize(
     ("column", "places", "clockwise", "convention"),
     [

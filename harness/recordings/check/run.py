@@ -139,7 +139,8 @@ def check_recording(
     if channels is not None:
         mapping = load_map(channels)  # names the file in its messages
         stated = {"database": [located(each, Path()) for each in databases]} if databases else {}
-        content, databases = {**map_content(channels), **stated}, databases or mapping.databases
+        own = mapping.databases if path is not None and readers.takes_databases(path) else ()
+        content, databases = {**map_content(channels), **stated}, databases or own
     if path is not None:
         tables, name = readers.read_tables(path, databases=databases), str(path)
     else:

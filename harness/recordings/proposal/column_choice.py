@@ -177,6 +177,11 @@ WHEELBASE = "times speed over yaw rate:"
 """Beginning of the reason that it gives."""
 
 
+_INERTIAL = ("yaw_rate", "roll_rate", "lateral_acceleration", "longitudinal_acceleration")
+_SLOWER = 0.5
+"""Log odds by the logarithm of a number of samples; estimates and positions are slower than an inertial unit."""
+
+
 @dataclass(frozen=True)
 class Chosen:
     """Guesses that agree best with each other.
@@ -222,6 +227,16 @@ def choose(candidates: Sequence[Guess], motion: Motion, seen: Witness) -> Chosen
         for s, g in doubtful.items()
     }
     return Chosen(kept, [r for r in sums.relations(kept) if np.isfinite(r.factor)], lost)
+
+
+def by_samples(candidates: Sequence[Guess], tables: Sequence[readers.Table]) -> list[Guess]:
+    """Return candidates with log odds by their samples: of two inertial sensors the quicker one is the rawer."""
+    counts = {g: int(is_measured(tables[g.table].columns[g.column]).sum()) for g in candidates if g.signal in _INERTIAL}
+    most = {signal: max(n for g, n in counts.items() if g.signal == signal) for signal in {g.signal for g in counts}}
+    return [
+        replace(g, rate=_SLOWER * float(np.log(max(counts[g], 1) / most[g.signal]))) if g in counts else g
+        for g in candidates
+    ]
 
 
 def _jointly(candidates: Sequence[Guess], sums: _ChoiceEvidence) -> list[Guess]:
@@ -376,6 +391,7 @@ def _lost(candidates: Sequence[Guess], kept: Mapping[str, Guess], sums: _ChoiceE
         parts = {
             "its unit is stated": STATED * (winner.stated - g.stated),
             "its name says more": winner.sure - g.sure,
+            "it has more samples": winner.rate - g.rate,
             "its values are more usual": winner.usual - g.usual,
             "it agrees better with the others' motion": _by_motion(winner, kept, sums) - _by_motion(g, kept, sums),
         }

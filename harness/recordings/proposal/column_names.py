@@ -63,6 +63,7 @@ _MEANINGS = {
     "revolutions": "rpm drehzahl revs revolutions",
     "position": "position pos displacement",
     "steering": "steering steer strng steered lenk lenkung lws sas swa msw str handwheel lenkrad lrw volant ratt",
+    "linear": "linear",
     "road": "road roadwheel",
     "yaw": "yaw gier gir psi lacet",
     "roll": "roll wank phi",
@@ -78,7 +79,7 @@ _MEANINGS = {
     "compass": "north east northing easting nord ost up down",
     # nothing that matters here
     "aside": "sensor value signal imu ins gps gnss can bus raw brute roh filtered filt actual act meas measured ist "
-    "data info of the over based mean com esp esc abs ecu est estimated linear pose corrected side slip cg tacho "
+    "data info of the over based mean com esp esc abs ecu est estimated pose corrected side slip cg tacho "
     "tachograph",
 }
 """Words by what they mean."""
@@ -145,6 +146,9 @@ _RULES: tuple[tuple[set[str], set[str], str], ...] = (
     ({"speed"}, {"vertical", "compass"}, "!along no axis of the vehicle in the road plane"),
     ({"speed", "lateral"}, set(), "lateral_velocity"),
     ({"speed"}, set(), "speed"),
+    ({"linear", "longitudinal"}, set(), "speed"),
+    ({"linear", "lateral"}, set(), "lateral_velocity"),
+    ({"linear", "vertical"}, set(), "!along no axis of the vehicle in the road plane"),
     ({"position"}, {"vertical"}, "!a height, of which there is no signal"),
 )
 """Signals by the meanings in a name: all of the first, one of the second if there are any; the first that holds.
@@ -156,6 +160,8 @@ _ABOUT = {"wanted": "what is wanted", "about": "something about a measurement", 
 _KINDS = {"m/s": "speed", "m/s^2": "acceleration", "rad/s": "rate"}
 """Kind of quantity by unit."""
 
+_VECTOR = re.compile(r"(?:^|[._/])(linear|angular|linear_acceleration)(?:_velocity)?[._][xyz]$")
+"""Components of vectors in messages of ROS, which are in SI units."""
 TIME = re.compile(
     r"^(t|time|timestamp|zeit|clock|stamp|ts|utc|uhrzeit|zeitstempel|datetime|date time|x value|temps|seconds?)\b|"
     r"^(secs?|tv|datenum|epoch|elapsed)$|"
@@ -201,6 +207,9 @@ def read_name(column: str, by_file: str = "") -> Reading:
     bare, unit = _without_unit(column)
     if by_file.strip() and (stated := unit_of(by_file)) is not None:
         unit = replace(stated, by="file")
+    if unit is None and (vector := _VECTOR.search(column)) is not None:
+        stated = unit_of({"linear": "m/s", "angular": "rad/s"}.get(vector[1], "m/s^2"))
+        unit = None if stated is None else replace(stated, by="messages of ROS (REP 103)")
     *groups, leaf = [_cut(part) for part in re.split(r"[./\\:]+", bare) if part.strip()] or [[]]
     if ":" in bare and groups and _meanings(leaf) <= {"vehicle", "aside"}:  # channel:application
         leaf, *groups = groups[-1], *groups[:-1], leaf

@@ -62,6 +62,7 @@ class Guess:
         usual: Log odds by its values in this unit.
         free: Whether another unit was possible.
         compass: Whether it is a heading that counts clockwise from north.
+        rate: Log odds by its samples, against the column with most that may be the same motion.
     """
 
     signal: str
@@ -76,6 +77,7 @@ class Guess:
     usual: float = 0.0
     free: bool = False
     compass: bool = False
+    rate: float = 0.0
 
     @property
     def factor(self) -> float:
@@ -89,8 +91,8 @@ class Guess:
 
     @property
     def points(self) -> float:
-        """Log odds by name, values and a stated unit."""
-        return self.sure + self.usual + STATED * self.stated
+        """Log odds by name, values, a stated unit and the samples."""
+        return self.sure + self.usual + STATED * self.stated + self.rate
 
 
 def in_units(guess: Guess, by: str, symbol: bool = False) -> list[Guess]:

@@ -24,6 +24,7 @@ from harness.recordings.proposal.column_choice import (
     WHEELBASES,
     Chosen,
     ClockColumn,
+    by_samples,
     choose,
     clocks_of,
     cut,
@@ -126,12 +127,14 @@ def propose(path: Path, databases: Sequence[str] = (), folder: Path = Path()) ->
         UserError: If it cannot be read, or no column looks like a signal.
     """
     file, _, span = named_parts(path)
-    tables = [filled(table) for table in readers.read_tables(file, databases=databases)]
+    measured = readers.read_tables(file, databases=databases)
+    tables = [filled(table) for table in measured]
     own_clocks = [clocks_of(table) for table in tables]
     if span is not None:
         tables = [cut(table, seconds_of(table, own), span, path) for table, own in zip(tables, own_clocks, strict=True)]
     motion = Motion([seconds_of(table, own) for table, own in zip(tables, own_clocks, strict=True)])
     columns = _read(tables, own_clocks, motion)
+    columns.front = by_samples(columns.front, measured)
     seen = witness(motion, {g.signal: g for g in sorted(columns.front, key=lambda g: g.points)})
     chosen = choose(columns.front, motion, seen)
     if further := _by_unit_and_motion(columns.unread, chosen.guesses, motion):

@@ -86,7 +86,7 @@ def _tables(file: Path, mapping: ChannelMap | None, databases: Sequence[str]) ->
     """Return the columns that a map names, or signals are named after; all where one is missing, which errors list."""
     if mapping is None:
         return readers.read_tables(file, lambda name: name.removeprefix(TRUTH) in SIGNALS, databases)
-    databases = databases or mapping.databases
+    databases = databases or (mapping.databases if readers.takes_databases(file) else ())  # a map serves several files
     named = {c.channel for c in mapping.channels}
     gears = {c.reverse for c in mapping.channels if c.reverse not in ("", COURSE)}
     clocks = set(mapping.clocks) | {column for column, _ in mapping.added.values()}

@@ -37,6 +37,7 @@ __all__ = [
     "read_tables",
     "reader_of",
     "suffixes",
+    "takes_databases",
 ]
 
 
@@ -69,6 +70,12 @@ def reader_of(path: str | os.PathLike[str]) -> ModuleType | None:
     return None if reader is None else READERS.load(reader)
 
 
+def takes_databases(path: str | os.PathLike[str]) -> bool:
+    """Return whether a recording may be a bus log by its suffix."""
+    module = reader_of(path)
+    return module is not None and "databases" in inspect.signature(module.read).parameters
+
+
 def read(path: str | os.PathLike[str]) -> dict[str, Floats]:
     """Read the columns that share the main clock of a recording.
 
@@ -92,13 +99,13 @@ def read_tables(
     Args:
         path: File or folder, absolute or relative to the working directory.
         wanted: Tells by its name whether a column is used; all are by default.
-        databases: What the frames of a bus log hold, each as ``[BUS=]FILE``; of no use for other formats.
+        databases: What the frames of a bus log hold, each as ``[BUS=]FILE``.
 
     Returns:
         One table per clock, the one with most columns first; at least one, none of them without rows.
 
     Raises:
-        UserError: If the file is absent, of no known format, or cannot be read.
+        UserError: If the file is absent, of no known format, or cannot be read, or is no bus log for the databases.
     """
     path = os.fspath(path)
     module = reader_of(path)
@@ -111,6 +118,8 @@ def read_tables(
         raise UserError(f"{path}: the recording is no file but a pipe or a device; write what it gives to a file")
     try:
         takes = inspect.signature(module.read).parameters
+        if databases and not takes_databases(path):
+            raise UserError(f"{path}: is no bus log, so that a database (--database) says nothing of it; leave it out")
         asked = {"wanted": wanted, "databases": tuple(databases)}
         tables: list[Table] = module.read(path, **{name: value for name, value in asked.items() if name in takes})
     except OSError as error:

@@ -73,6 +73,9 @@ def read(path: str, wanted: Wanted | None = None, databases: Sequence[str] = ())
             begun = file.header.start_time.timestamp()
     if frames is not None and (databases or not tables):
         tables += decoded(path, frames, databases, wanted)
+    elif databases and tables:
+        note = "the file holds no raw frames, so that the database says nothing of it"
+        tables[0] = replace(tables[0], notes=(*tables[0].notes, note))
     return [replace(table, begun=begun) for table in tables]
 
 
