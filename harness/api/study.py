@@ -102,22 +102,29 @@ def design(
     name: str,
     factors: Sequence[Mapping[str, Any]] = (),
     *,
-    sampling: Literal["sobol", "saltelli", "tolerance"] | None = None,
+    sampling: Literal["sobol", "saltelli", "tolerance", "population"] | None = None,
     samples: int | None = None,
     boxes: int | None = None,
     repeats: int | None = None,
     sobol_any_n: bool | None = None,
+    scramblings: int | None = None,
+    correlation: Sequence[tuple[str, str, float]] | None = None,
+    groups: Mapping[str, Sequence[str]] | None = None,
 ) -> dict[str, Any]:
     """Return a design: the table ``[[design]]`` of a study file.
 
     Args:
         name: Unique name, that of its group in the store.
         factors: From ``factor``; the i-th bands of all of them belong together. None for the nominal case alone.
-        sampling: ``sobol`` by default, ``saltelli`` for sensitivity indices, ``tolerance`` for nested boxes.
+        sampling: ``sobol`` by default, ``saltelli`` for sensitivity indices, ``tolerance`` for nested boxes,
+            ``population`` for how often a limit is broken, and by which factors.
         samples: Sobol points per band (default 1).
         boxes: Nested boxes of a tolerance design.
         repeats: Runs with fresh noise per point (default 1).
         sobol_any_n: Allow a number of samples that is no power of two.
+        scramblings: Independent scramblings of a population (default 8).
+        correlation: Of two factors each.
+        groups: Factors of a population that are ranked as one.
 
     Example:
         >>> import harness as h
@@ -125,7 +132,8 @@ def design(
         16
     """
     keys = {"sampling": sampling, "samples": samples, "boxes": boxes, "repeats": repeats, "sobol_any_n": sobol_any_n}
-    return {"name": name, "factor": [dict(each) for each in factors], **_stated(keys)}
+    joint = {"scramblings": scramblings, "correlation": correlation, "groups": groups}
+    return {"name": name, "factor": [dict(each) for each in factors], **_stated({**keys, **joint})}
 
 
 def levels(

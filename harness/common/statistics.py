@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import gammaincinv, ndtri
+from scipy.special import gammaincinv, ndtri, stdtrit
 
 from harness.common.arrays import Floats
 
@@ -381,3 +381,16 @@ def grows(growth: Floats) -> bool:
         return False
     drawn = np.random.default_rng(0).integers(len(usable), size=(_DRAWS, len(usable)))
     return bool(np.mean(usable[drawn].mean(axis=1) > 0) >= _SURE)
+
+
+def over_replicates(value: float, deviations: ArrayLike, level: float = 0.95) -> Interval:
+    """Return an estimate that is the mean of independent replicates with its interval by Student's t.
+
+    Args:
+        value: The estimate.
+        deviations: Of each replicate from it, ``(replicate,)``, at least two.
+        level: Confidence level.
+    """
+    off = np.asarray(deviations, dtype=float)
+    half = float(stdtrit(off.size - 1, 0.5 + level / 2) * off.std(ddof=1) / np.sqrt(off.size))
+    return Interval(value, value - half, value + half)

@@ -90,14 +90,24 @@ class DesignTable(StrictTable):
     """``[[design]]``."""
 
     name: FileName = Field(description="unique name")
-    sampling: Literal["sobol", "saltelli", "tolerance"] = Field(
+    sampling: Literal["sobol", "saltelli", "tolerance", "population"] = Field(
         default="sobol",
         description="sobol: points in each band; saltelli: all factors at once, for sensitivity indices; "
+        "population: points of the joint distribution, for how often a limit is broken, by which factors; "
         "tolerance: nested boxes around the nominal point, for the largest one an estimator tolerates",
     )
     samples: Annotated[StrictInt, Field(ge=1)] = Field(default=1, description="Sobol points per band; a power of two")
     boxes: Annotated[StrictInt, Field(ge=2, le=64)] | None = Field(
         default=None, description="tolerance only: number of nested boxes, evenly spaced (default 8)"
+    )
+    scramblings: Annotated[StrictInt, Field(ge=8, le=1024)] | None = Field(
+        default=None, description="population only: independent scramblings of that many samples each (default 8)"
+    )
+    correlation: list[tuple[Name, Name, Number]] | None = Field(
+        default=None, description='correlations of two factors each: `[["payload_mass", "payload_from_rear", 0.6]]`'
+    )
+    groups: dict[Name, Annotated[list[Name], Field(min_length=1)]] | None = Field(
+        default=None, description='population only: factors that are ranked as one, `{ tyre = ["friction", ...] }`'
     )
     repeats: Annotated[StrictInt, Field(ge=1)] = Field(default=1, description="runs with fresh noise per point")
     sobol_any_n: StrictBool = Field(

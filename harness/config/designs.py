@@ -7,11 +7,15 @@ import math
 from dataclasses import replace
 
 from harness.config.bounds import broken_relations, loading_parameters, out_of_bounds
+from harness.config.dependence import resolve_correlation, resolve_groups
 from harness.config.derived import derived_parameters, derived_value, settled
 from harness.config.design_tables import DesignTable
 from harness.config.factors import Models, form, resolve_factor
 from harness.config.problems import Problems
 from harness.config.specs import NOISE_SCALES, DesignSpec, FactorSpec, ModelSpec
+
+SCRAMBLINGS = 8
+"""Independent scramblings of a population, unless the study says otherwise."""
 
 BOXES = 8
 """Nested boxes of a tolerance design, unless the study says otherwise."""
@@ -40,7 +44,14 @@ def resolve_design(raw: DesignTable, key: str, models: Models, problems: Problem
         _refuse_following(raw, key, models, problems)
     if len(problems) > before:
         return None
-    design = DesignSpec(raw.name, factors, raw.samples, raw.repeats, raw.sampling)
+    whole = raw.sampling == "population"
+    scramblings = raw.scramblings or (SCRAMBLINGS if whole else 1)
+    design = DesignSpec(raw.name, factors, raw.samples, raw.repeats, raw.sampling, scramblings)
+    if raw.scramblings is not None and not whole:
+        problems.add(f"{key}.scramblings", "scramblings belong to sampling = 'population'; remove the key")
+    if (correlation := resolve_correlation(raw, factors, key, problems)) is not None:
+        design = replace(design, correlation=correlation.matrix, correlation_change=correlation.change)
+    design = replace(design, groups=resolve_groups(raw, factors, key, problems))
     if raw.sampling == "sobol":
         _check_bands(raw, design, key, problems)
     else:
@@ -52,6 +63,8 @@ def resolve_design(raw: DesignTable, key: str, models: Models, problems: Problem
     match raw.sampling:
         case "saltelli":
             return replace(design, factors=tuple(replace(f, labels=("whole box",)) for f in factors))
+        case "population":
+            return replace(design, factors=tuple(replace(f, labels=("population",)) for f in factors))
         case "tolerance":
             return replace(design, factors=tuple(_nested(f, raw.boxes or BOXES) for f in factors))
     return design
@@ -204,7 +217,7 @@ def _check_relations(raw: DesignTable, design: DesignSpec, key: str, models: Mod
             varied = [f for f in design.factors if f.of in (side, "both") and f.parameter not in NOISE_SCALES]
             bounds = {p.name: p for p in spec.model().parameters}
             wrong: dict[str, str] = {}
-            for corner in _corners(varied, band):
+            for corner in _corners(varied, band, independent=not design.correlation):
                 changed = settled(spec, corner)
                 for name, message in broken_relations(spec.vehicle, {**spec.values, **changed}):
                     wrong.setdefault(name, message)
@@ -222,10 +235,10 @@ def _check_relations(raw: DesignTable, design: DesignSpec, key: str, models: Mod
                 problems.add(place, f"{design.band_labels[band]} of the {side}: {name}: {message}")
 
 
-def _corners(factors: list[FactorSpec], band: int) -> list[dict[str, float]]:
-    """Return the corners of a band's box; of a large box those where one factor is at an edge."""
+def _corners(factors: list[FactorSpec], band: int, independent: bool) -> list[dict[str, float]]:
+    """Return the corners of a band's box; of a large box or dependent factors those where one factor is at an edge."""
     edges = {f.parameter: tuple(dict.fromkeys((f.lower[band], f.upper[band]))) for f in factors}
-    if len(factors) <= _MOST_CORNERS:
+    if len(factors) <= _MOST_CORNERS and independent:
         return [dict(zip(edges, point, strict=True)) for point in itertools.product(*edges.values())]
     centre = {f.parameter: f.levels[band] for f in factors}
     return [{**centre, name: edge} for name, pair in edges.items() for edge in pair]

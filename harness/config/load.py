@@ -388,6 +388,8 @@ def _hash(study: StudySpec) -> str:
                     [f.parameter, f.of, f.levels, f.lower, f.upper, f.log, *(astuple(f.marginal) if f.marginal else ())]
                     for f in d.factors
                 ],
+                **({"scramblings": d.scramblings} if d.scramblings > 1 else {}),
+                **({"correlation": d.correlation} if d.correlation else {}),
             }
             for d in study.designs
         ],

@@ -20,7 +20,7 @@ from harness.models.roles import SENSORS, VEHICLES
 
 Side = Literal["plant", "belief", "both"]
 Integrator = Literal["euler", "heun", "rk4"]
-Sampling = Literal["sobol", "saltelli", "tolerance"]
+Sampling = Literal["sobol", "saltelli", "tolerance", "population"]
 
 NOISE_SCALES: tuple[str, ...] = ("process_noise_scale", "measurement_noise_scale", "input_noise_scale")
 """Pseudo-parameters a factor may vary: they multiply all variances of one kind; nominal value 1."""
@@ -210,6 +210,11 @@ class FactorSpec:
     marginal: Marginal | None = None
 
     @property
+    def written(self) -> str:
+        """Name by which a design tells the factor from another one of the same parameter."""
+        return f"belief.{self.parameter}" if self.of == "belief" else self.parameter
+
+    @property
     def banded(self) -> bool:
         """Whether any band has a width, so that the factor takes a dimension of the Sobol sequence."""
         return any(low < high for low, high in zip(self.lower, self.upper, strict=True))
@@ -225,6 +230,10 @@ class DesignSpec:
         base_samples: Points of the Sobol sequence that the design is made from.
         repeats: Runs with fresh noise per point and drive.
         sampling: How the bands are filled, see ``harness.study.design``.
+        scramblings: Independent scramblings, each with ``base_samples`` points.
+        correlation: Of the normal scores of the factors, one row each; empty where they are independent.
+        correlation_change: Largest difference of it from what was stated, which was no correlation matrix.
+        groups: Factors that are ranked as one, by the name of the group; they decide no score.
     """
 
     name: str
@@ -232,6 +241,10 @@ class DesignSpec:
     base_samples: int = 1
     repeats: int = 1
     sampling: Sampling = "sobol"
+    scramblings: int = 1
+    correlation: tuple[tuple[float, ...], ...] = ()
+    correlation_change: float = 0.0
+    groups: tuple[tuple[str, tuple[str, ...]], ...] = ()
 
     @property
     def samples(self) -> int:
@@ -241,12 +254,12 @@ class DesignSpec:
                 return self.base_samples * (len(self.factors) + 2)
             case "tolerance":  # the nominal point, each factor alone at both edges, the box
                 return 1 + 2 * len(self.factors) + self.base_samples
-        return self.base_samples
+        return self.base_samples * self.scramblings
 
     @property
     def common_noise(self) -> bool:
         """Whether all points share their noise, so that the error is a function of the factors alone."""
-        return self.sampling != "sobol"
+        return self.sampling in ("saltelli", "tolerance")
 
     @property
     def bands(self) -> int:

@@ -95,7 +95,7 @@ def judged(remedy: Remedy, study: StudySpec, results: StudyResults, step_time: f
         remedy=remedy,
         study=study,
         targets=[design.targets[t] for t in wanted],
-        levels=["whole box"] if design.sampling == "saltelli" else design.bands,
+        levels=[design.whole] if design.whole else design.bands,
         medians=medians,
         home=design.matched,
         nominal=nominal,

@@ -1,16 +1,18 @@
 """Which cases a study runs: the points of each design, and the units of work they are cut into.
 
-Levels are taken as they are. Bands are boxes, filled in one of three ways:
+Levels are taken as they are. Bands are boxes, filled in one of four ways:
 
 * ``sobol``: SALib's Sobol sequence (Joe and Kuo 2003), unscrambled and from its first point on: dropping or
   skipping points spoils the balance (Owen 2020, arXiv:2008.08051), and the first point, the origin, is the
   lower corner of every box. Where a factor's distribution has an end at infinity, the sequence is scrambled.
 * ``saltelli``: SALib's cross-sampled pair of matrices for Sobol indices (Saltelli et al. 2010, doi
   10.1016/j.cpc.2009.09.018), from a scrambled sequence.
+* ``population``: independent scrambled Sobol sequences, one behind the other, through the joint distribution.
 * ``tolerance``: the nominal point, each factor alone at its lower and at its upper edge, and a scrambled Sobol
   sequence in the box; bands are nested boxes.
 
-A factor with a distribution takes the values of its inverse distribution function at these points.
+A factor with a distribution takes the values of its inverse distribution function at these points; where factors are
+correlated, after their normal scores have been (Gaussian copula).
 
 All bands of a design use the same points, scaled, so that sample ``k`` lies at the same relative place in each.
 
@@ -29,6 +31,7 @@ from numpy.typing import NDArray
 
 from harness.common.cache import ARRAY, kept
 from harness.config import DesignSpec, FactorSpec, StudySpec
+from harness.config.marginals import SMALLEST
 
 RUNS_PER_UNIT = 64
 """Most runs of a unit of a design that is not large."""
@@ -55,6 +58,7 @@ class DesignPoints:
         lower: Lower edge, shape ``(band, factor)``; equal to ``upper`` for a level.
         upper: Upper edge, shape ``(band, factor)``.
         band_labels: Shape ``(band,)``.
+        scores: Normal scores of the factors, ``(sample, factor)``; empty where they take no part.
     """
 
     factors: tuple[str, ...]
@@ -62,6 +66,7 @@ class DesignPoints:
     lower: NDArray[np.float64]
     upper: NDArray[np.float64]
     band_labels: tuple[str, ...]
+    scores: NDArray[np.float64]
 
 
 @dataclass(frozen=True, order=True)
@@ -133,7 +138,7 @@ def saltelli_points(samples: int, dimensions: int, seed: int) -> NDArray[np.floa
     return _kept(made, "SALib", f"saltelli {samples} {dimensions} {seed}", samples * (dimensions + 2) * dimensions)
 
 
-def scrambled_points(samples: int, dimensions: int, seed: int) -> NDArray[np.float64]:
+def scrambled_points(samples: int, dimensions: int, seed: int | tuple[int, int]) -> NDArray[np.float64]:
     """Return a Sobol sequence with Owen's scrambling in the unit box, ``(samples, dimensions)``.
 
     Scrambled, every point is uniform in the box, so that shares of points estimate shares of the box.
@@ -195,19 +200,47 @@ def points(study: StudySpec, design: DesignSpec) -> DesignPoints:
     upper = np.array([f.upper for f in factors]).T.reshape(shape)
     values = np.repeat(lower[:, None, :], design.samples, axis=1)
     banded = [i for i, f in enumerate(factors) if f.banded]
-    if design.sampling == "saltelli":
-        unit = saltelli_points(design.base_samples, len(banded), study.seed)
-    elif design.sampling == "tolerance" or any(f.marginal and f.marginal.is_unbounded for f in factors):
-        unit = scrambled_points(design.base_samples, len(banded), study.seed)
-    else:
-        unit = unit_box(design.samples, len(banded)) if banded else np.empty((design.samples, 0))
+    unit = _unit_points(study, design, len(banded))
+    scores = np.empty((0, 0))
+    if design.correlation or design.sampling == "population":
+        scores, unit = _joint(unit, np.array(design.correlation or np.eye(len(factors)))[np.ix_(banded, banded)])
     for band in range(design.bands):
         for column, i in enumerate(banded):
             values[band, -len(unit) :, i] = _scaled(factors[i], band, unit[:, column])
     if design.sampling == "tolerance":
         values[:, : 1 + 2 * len(factors)] = _nominal_and_edges(lower, upper, np.array([f.nominal for f in factors]))
-    names = tuple(f.parameter if f.of != "belief" else f"belief.{f.parameter}" for f in factors)
-    return DesignPoints(names, values, lower, upper, design.band_labels)
+    names = tuple(f.written for f in factors)
+    return DesignPoints(names, values, lower, upper, design.band_labels, scores)
+
+
+def _unit_points(study: StudySpec, design: DesignSpec, dimensions: int) -> NDArray[np.float64]:
+    """Return the points of a design in the unit box before its factors are correlated."""
+    if design.sampling == "saltelli":
+        return saltelli_points(design.base_samples, dimensions, study.seed)
+    if design.sampling == "population":
+        each = [scrambled_points(design.base_samples, dimensions, (study.seed, k)) for k in range(design.scramblings)]
+        return np.concatenate(each)
+    has_open_end = any(f.marginal and f.marginal.is_unbounded for f in design.factors)
+    if design.sampling == "tolerance" or has_open_end or design.correlation:
+        return scrambled_points(design.base_samples, dimensions, study.seed)
+    return unit_box(design.samples, dimensions) if dimensions else np.empty((design.samples, 0))
+
+
+def _joint(
+    unit: NDArray[np.float64], correlation: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the normal scores of a Gaussian copula, and where they lie in the unit box; of the independent unmoved.
+
+    Args:
+        unit: Independent points, ``(sample, factor)``.
+        correlation: Of the scores.
+    """
+    from scipy.special import ndtr, ndtri
+
+    scores = ndtri(np.clip(unit, SMALLEST, 1.0 - SMALLEST))
+    dependent = (correlation != np.eye(len(correlation))).any(axis=0)
+    scores[:, dependent] = scores[:, dependent] @ np.linalg.cholesky(correlation[np.ix_(dependent, dependent)]).T
+    return scores, np.where(dependent, ndtr(scores), unit)
 
 
 def _nominal_and_edges(

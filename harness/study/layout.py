@@ -26,7 +26,17 @@ from harness.models.signals import SIGNALS
 from harness.study import checksums
 from harness.study.design import points, unit_counts, unit_shape
 from harness.study.provenance import code_state, commit, processor
-from harness.study.score_names import FLAGS, LOST_CONTROL, MEANINGS, OVER_TIME, PENDING, PER_RUN, PER_TARGET, STATUS
+from harness.study.score_names import (
+    FLAGS,
+    LOST_CONTROL,
+    MEANINGS,
+    NORMAL_SCORE,
+    OVER_TIME,
+    PENDING,
+    PER_RUN,
+    PER_TARGET,
+    STATUS,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -118,6 +128,8 @@ def _known(study: StudySpec, design: DesignSpec, evaluator: StudyEvaluator) -> x
     for i, factor in enumerate(table.factors):
         unit = design.factors[i].unit
         variables[f"factor_{factor}"] = (("band", "sample"), table.values[:, :, i], {"units": unit})
+        if design.sampling == "population":
+            variables[f"{NORMAL_SCORE}_{factor}"] = (("sample",), table.scores[:, i], {"units": "1"})
     factors = [
         {
             "name": name,
@@ -151,6 +163,10 @@ def _known(study: StudySpec, design: DesignSpec, evaluator: StudyEvaluator) -> x
         "samples": design.samples,
         "repeats": design.repeats,
     }
+    if design.scramblings > 1:
+        attributes["scramblings"] = design.scramblings
+    if design.correlation:
+        attributes |= {"correlation": json.dumps(design.correlation), "correlation_change": design.correlation_change}
     if study.over_time is not None and study.over_time.design == design.name:
         attributes |= {"over_time_drive": study.over_time.drive, "over_time_window": study.over_time.window}
     return xr.Dataset(variables, coords=coordinates, attrs=attributes)
@@ -260,4 +276,5 @@ def words(study: StudySpec) -> dict[str, Any]:
         "self_contained_study": self_contained(study),
         "title": study.title,
         "limits": json.dumps(study.limits),
+        **({"groups": json.dumps(groups)} if (groups := {d.name: d.groups for d in study.designs if d.groups}) else {}),
     }

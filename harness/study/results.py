@@ -268,9 +268,16 @@ class Design:
         return str(self.data.attrs.get("sampling", "sobol"))
 
     @property
+    def whole(self) -> str:
+        """What the one band of a design over all factors is called; empty where bands have names of their own."""
+        return {"saltelli": "whole box", "population": "population"}.get(self.sampling, "")
+
+    @property
     def sampled(self) -> bool:
         """Whether a factor takes more than one value within a band, whatever the other factors do."""
-        return self.sampling == "sobol" and any(bool(np.any(np.ptp(f.values, axis=1) > 0)) for f in self.factors)
+        return self.sampling in ("sobol", "population") and any(
+            bool(np.any(np.ptp(f.values, axis=1) > 0)) for f in self.factors
+        )
 
     def count(self, fate: int, band: int | None = None, estimator: int | None = None) -> int:
         """Count the runs of a fate, in all or in one band and estimator."""

@@ -22,6 +22,8 @@ PER_RUN = (
     "nees", "nis", "nees_inside", "nis_inside", "log_likelihood", "repairs", "updates", "time_of_divergence"
 )  # fmt: skip
 LOST_CONTROL = "loss_of_control"
+NORMAL_SCORE = "normal_score"
+"""How the names of the normal scores of a population's factors begin."""
 
 MEANINGS = {
     "rmse": "root mean square error",

@@ -71,19 +71,19 @@ def test_documentation_asks_for_the_keys_of_every_table(table):
 def test_ten_line_study_of_the_documentation_loads(tmp_path):
     text = (ROOT / "docs" / "studies.md").read_text()
     blocks = [b.split("```")[0] for b in text.split("```toml\n")[1:]]
-    study, unsure, tyre, fleet, joint, inputs = blocks
+    study, unsure, tyre, fleet, joint, loaded, inputs = blocks
     assert tomllib.loads(unsure)["belief"]["unknown_parameters"][0] == "trailer_mass"
     assert len(study.strip().splitlines()) == 10
     shutil.copytree(ROOT / "studies" / "drives", tmp_path / "drives")
     path = tmp_path / "friction.toml"
     limits, design = joint.split("\n\n", 1)
-    path.write_text(study.replace("drives =", f"{limits}\ndrives =") + tyre + fleet + design)
+    path.write_text(study.replace("drives =", f"{limits}\ndrives =") + tyre + fleet + design + loaded)
     loaded = load_study(path)
-    assert [d.name for d in loaded.designs] == ["level", "tyre", "fleet", "joint"]
+    assert [d.name for d in loaded.designs] == ["level", "tyre", "fleet", "joint", "loaded"]
     assert loaded.limits == {"lateral_force_axle_21": 5000.0}
     assert loaded.design("tyre").band_labels == ("±10 %", "±20 %", "±30 %")
     runs = [d.bands * d.samples * d.repeats * len(loaded.drives) for d in loaded.designs]
     assert tomllib.loads(inputs)["plant"] == {
         "noise": tomllib.loads((ROOT / "studies" / "input-noise.toml").read_text())["plant"]["noise"]
     }
-    assert runs == [120, 3 * 32 * 5 * 6, 64 * 6, 256 * 4 * 6]
+    assert runs == [120, 3 * 32 * 5 * 6, 64 * 6, 256 * 4 * 6, 8 * 64 * 6]

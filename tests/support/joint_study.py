@@ -95,3 +95,44 @@ def scores(study):
         for name in ("nees", "nis", "nees_inside", "nis_inside", "log_likelihood", "repairs", "updates"):
             data[name][:] = 1.0
     return {"joint": joint, "nested": nested}
+
+
+POPULATION = """
+[[design]]
+name = "fleet"
+sampling = "population"
+samples = 64
+correlation = [["trailer_mass", "friction", 0.5]]
+groups = { noise = ["process_noise_scale", "measurement_noise_scale"] }
+factor = [
+  { parameter = "trailer_mass", distribution = { kind = "normal", std = "1 t" } },
+  { parameter = "friction", distribution = { kind = "normal", mean = 0.8, std = 0.02 } },
+  { parameter = "process_noise_scale", range = [0.1, 10], scale = "log" },
+  { parameter = "measurement_noise_scale", range = [0.1, 10], scale = "log" },
+]
+"""
+
+
+def population_of(tmp_path, limits=LIMITS):
+    path = tmp_path / "fleet.toml"
+    path.write_text(limits.replace("[limits]\n", "limits = { ").replace('"\n', '" }\n') + HEAD + POPULATION)
+    return load_study(path)
+
+
+def population_scores(study):
+    """A population as a run leaves it: the error in degrees is 1.5 + 0.2 (mass + friction) in normal scores.
+
+    The largest error is twice the RMSE.
+    """
+    drive = SimpleNamespace(profile=SimpleNamespace(time=np.arange(0.0, 20.01, 0.01)))
+    windows = SimpleNamespace(count=lambda design, drive: None)
+    compiled = SimpleNamespace(belief=SimpleNamespace(nx=11, ny=1), drives=[drive, drive])
+    (fleet,) = _pending(study, SimpleNamespace(compiled=compiled, windows=windows))
+    scores = points(study, study.designs[0]).scores
+    error = np.deg2rad(1.5 + 0.2 * (scores[:, 0] + scores[:, 1]))
+    fleet["rmse"][:] = error.reshape(1, -1, 1, 1, 1, 1)
+    fleet["max_error"][:] = 2.0 * error.reshape(1, -1, 1, 1, 1, 1)
+    fleet["status"][:] = 0
+    for name in ("nees", "nis", "nees_inside", "nis_inside", "log_likelihood", "repairs", "updates"):
+        fleet[name][:] = 1.0
+    return {"fleet": fleet}

@@ -27,6 +27,7 @@ from harness.study.report.sections import (
     paired,
     scatter,
     sensitivity,
+    shares,
     tolerance,
     weights,
 )
@@ -37,6 +38,7 @@ _SECTIONS = {
     "How large are the errors?": boxes.blocks,
     "How much of the error comes from the inputs?": inputs.blocks,
     "Which parameter drives the error?": sensitivity.blocks,
+    "Which factors make the error vary in the population?": shares.blocks,
     "How far may the vehicle drift in all factors at once?": tolerance.blocks,
     "Which parameter causes the error, and when?": over_time.blocks,
     "Which estimator is better, run by run?": paired.blocks,

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import count
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from harness.common import statistics
 from harness.reporting.style import Look, looks
+from harness.study.report.population import Population
 from harness.study.report.ranking import Ranking
 from harness.study.results import Design, StudyResults
 
@@ -79,9 +82,10 @@ class FilterConsistency:
 class Findings:
     """All numbers of one design."""
 
-    def __init__(self, design: Design, seed: int):
+    def __init__(self, design: Design, seed: int, attributes: Mapping[str, Any] | None = None):
         self.design = design
         self.seed = seed
+        self._attributes = attributes or {}
 
     @cached_property
     def summaries(self) -> list[list[list[statistics.Summary]]]:
@@ -124,6 +128,11 @@ class Findings:
     def ranking(self) -> Ranking:
         """Sobol indices of a ``saltelli`` design."""
         return Ranking(self.design, self.seed)
+
+    @cached_property
+    def population(self) -> Population:
+        """What a ``population`` design says."""
+        return Population(self.design, self.seed, self._attributes)
 
     @cached_property
     def input_shares(self) -> NDArray[np.float64] | None:
@@ -257,7 +266,7 @@ class Analysis:
 
     def __init__(self, store: StudyResults):
         self.store = store
-        self.findings = [Findings(design, store.seed) for design in store.designs]
+        self.findings = [Findings(design, store.seed, store.attributes) for design in store.designs]
         names = list(dict.fromkeys(e for d in store.designs for e in d.estimators))
         self.looks: dict[str, Look] = looks(names)
 

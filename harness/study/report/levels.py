@@ -36,8 +36,8 @@ def phrase(design: Design, band: int, home: int | None = None) -> str:
     """
     if not design.factors:
         return "in the case as stated"
-    if design.sampling == "saltelli":
-        return f"over the whole box of {varied(design)}"
+    if design.whole:
+        return f"over the {design.whole} of {varied(design)}"
     said = _difference(design, band)
     text = _value(design, band) if said is None else f"with {said[0]}"
     if home is None:

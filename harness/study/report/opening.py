@@ -197,7 +197,7 @@ def _times(before: float, after: float) -> str:
 
 def at(design: Design, band: int) -> str:
     """Say at which level, e.g. ``at 24 t``."""
-    return "over the whole box" if design.sampling == "saltelli" else f"at {design.bands[band]}"
+    return f"over the {design.whole}" if design.whole else f"at {design.bands[band]}"
 
 
 def _everyone(names: Sequence[str]) -> str:

@@ -14,7 +14,7 @@ from harness.study.report.analysis import Analysis, Findings
 from harness.study.report.opening import at, sentences
 from harness.study.report.overall import standings
 from harness.study.report.ranking import limits_of, tolerances
-from harness.study.report.sections import boxes, inputs, paired, sensitivity, tolerance
+from harness.study.report.sections import boxes, inputs, paired, sensitivity, shares, tolerance
 from harness.study.report.sections.history import inside
 from harness.study.results import Design
 from harness.study.run_file import LOST
@@ -90,6 +90,8 @@ def _of_the_box(analysis: Analysis) -> list[Block]:
     """Say of a study of all factors at once which of them drive the error, and how far all may drift together."""
     boxes = [f for f in analysis.findings if f.design.sampling == "saltelli" and not f.design.count(PENDING)]
     items = [("What drives the error?", " ".join(sensitivity.in_short(f.ranking))) for f in boxes]
+    whole = [f for f in analysis.findings if f.design.sampling == "population" and not f.design.count(PENDING)]
+    items += [("What makes the error vary?", " ".join(shares.in_short(f.population))) for f in whole]
     limits = limits_of(analysis.store.attributes)
     for nested in (d for d in analysis.store.designs if d.sampling == "tolerance" and not d.count(PENDING)):
         limits_borne = tolerance.told(nested, limits, tolerances(nested, limits))
@@ -307,7 +309,7 @@ def _ends(findings: Findings, start: int | None) -> list[int]:
 
 
 def _level(design: Design, band: int) -> str:
-    return "whole box" if design.sampling == "saltelli" else design.bands[band]
+    return design.whole or design.bands[band]
 
 
 def _where(design: Design, band: int | None) -> str:

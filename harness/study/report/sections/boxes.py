@@ -65,8 +65,8 @@ def heading(design: Design) -> str:
     if not design.factors:
         return "How large is the error?"
     where = "in each band of" if design.sampled else "at each level of"
-    if design.sampling == "saltelli":
-        where = "over the whole box of"
+    if design.whole:
+        where = f"over the {design.whole} of"
     return f"How large is the error {where} {varied(design)}?"
 
 

@@ -79,7 +79,7 @@ def _undecided(ranking: Ranking, indices: Indices) -> str:
     first, other = (ranking.design.factors[i].words for i in indices.order[:2])
     return (
         f"; {indices.samples} base samples are too few to decide whether {first} or {other} does more (difference "
-        f"{_told(indices.lead)})"
+        f"{told(indices.lead)})"
     )
 
 
@@ -97,7 +97,7 @@ def _words(ranking: Ranking) -> list[str]:
     else:
         items.append(f"{divergence} {plain('No estimator diverged at enough points to explain it by factors.')}")
     if (indices := ranking.out_of_control) is not None:
-        total = [f"{design.factors[i].words} {_told(indices.total[i])}" for i in indices.order[:NAMED]]
+        total = [f"{design.factors[i].words} {told(indices.total[i])}" for i in indices.order[:NAMED]]
         text = f"The largest total indices of the share of runs out of control are {listed(total)}."
         items.append(f"{strong('Loss of control.')} {plain(text)}")
     return items
@@ -110,7 +110,7 @@ def _drivers(ranking: Ranking, indices: Sequence[Indices | None], shown: int, wh
         return f"With {design.estimators[shown]} {what} does not vary."
     large = [i for i in own.order if own.total[i].value >= DRIVING]
     small = [own.total[i].value for i in own.order if i not in large]
-    parts = [f"{design.factors[i].words} {_told(own.total[i])}" for i in large]
+    parts = [f"{design.factors[i].words} {told(own.total[i])}" for i in large]
     text = f"With {design.estimators[shown]}, the total indices of {what} are {listed(parts)}"
     if not parts:
         text = f"With {design.estimators[shown]}, no factor has a total index of {what} of {DRIVING}"
@@ -160,7 +160,8 @@ def _indices_picture(analysis: Analysis, ranking: Ranking, target: int) -> Pictu
     design, quantity = ranking.design, ranking.design.targets[target]
     question = f"Which parameter drives the error of the {quantity.words}?"
     order = ranking.order(target)
-    svg = _dots(analysis, ranking, ranking.errors[target], order, question, "share of the variance of the RMSE")
+    rows = _rows(ranking, ranking.errors[target], order)
+    svg = dots(analysis, rows, _factors(ranking, order), question, "share of the variance of the RMSE")
     caption = (
         f"Sobol indices of the RMSE of {quantity.words}, design “{design.name}”, n = {design.status[:, 0].size} "
         f"runs of each estimator, {_lost(ranking)}. Filled: total index with its 95 % interval; open: first order."
@@ -174,9 +175,8 @@ def _divergence_picture(analysis: Analysis, ranking: Ranking) -> Picture:
     order = [
         int(i) for i in np.argsort(-np.mean([[t.value for t in f.total] for f in estimated], axis=0), kind="stable")
     ]
-    svg = _dots(
-        analysis, ranking, ranking.divergence, order, question, "share of the variance of the outcome “diverged”"
-    )
+    rows, label = _rows(ranking, ranking.divergence, order), "share of the variance of the outcome “diverged”"
+    svg = dots(analysis, rows, _factors(ranking, order), question, label)
     caption = (
         f"Sobol indices of the share of runs that diverged at a point, design “{ranking.design.name}”, "
         f"{_lost(ranking)}. Filled: total index with its 95 % interval; open: first order. Estimators whose "
@@ -191,41 +191,49 @@ def _lost(ranking: Ranking) -> str:
     return f"diverged: {', '.join(counts)}"
 
 
-def _dots(
-    analysis: Analysis, ranking: Ranking, indices: Sequence[Indices | None], order: list[int], question: str, label: str
-) -> bytes:
-    """Draw total and first-order indices of several estimators, a row for each factor."""
-    design = ranking.design
-    shown = [(name, own) for name, own in zip(design.estimators, indices, strict=True) if own is not None]
+Row = tuple[str, list[Interval], list[float]]
+"""An estimator with its filled and its hollow marks, one of each per factor."""
+
+
+def _rows(ranking: Ranking, indices: Sequence[Indices | None], order: list[int]) -> list[Row]:
+    shown = [(name, own) for name, own in zip(ranking.design.estimators, indices, strict=True) if own is not None]
+    return [(name, [own.total[i] for i in order], [own.first[i].value for i in order]) for name, own in shown]
+
+
+def _factors(ranking: Ranking, order: list[int]) -> list[str]:
+    return [ranking.design.factors[i].words for i in order]
+
+
+def dots(analysis: Analysis, shown: Sequence[Row], factors: Sequence[str], question: str, label: str) -> bytes:
+    """Draw shares of the variance of several estimators, a row for each factor."""
     with style.drawing():
-        fig = style.figure(1.0 + _FACTOR_HEIGHT * len(order))
+        fig = style.figure(1.0 + _FACTOR_HEIGHT * len(factors))
         axes = fig.subplots()
-        for k, (name, own) in enumerate(shown):
+        for k, (name, filled, hollow) in enumerate(shown):
             look = analysis.looks[name]
-            places = np.arange(len(order)) + ((k + 0.5) / len(shown) - 0.5) * 0.8
-            total = np.array([own.total[i] for i in order])
-            first = [own.first[i].value for i in order]
+            places = np.arange(len(factors)) + ((k + 0.5) / len(shown) - 0.5) * 0.8
+            total = np.array(filled)
             with style.series(axes, name):
                 axes.hlines(places, total[:, 1], total[:, 2], color=look.line, lw=1.2)
                 axes.plot(total[:, 0], places, look.marker, ms=4.2, color=look.line, label=name)
-                axes.plot(first, places, look.marker, ms=4.2, mec=look.line, mfc="white", mew=0.7)
-        _factor_rows(axes, ranking, order)
+                axes.plot(hollow, places, look.marker, ms=4.2, mec=look.line, mfc="white", mew=0.7)
+        _factor_rows(axes, factors)
         axes.set_xlim(left=min(axes.get_xlim()[0], -0.02))
         axes.set_xlabel(label)
         handles = [
-            Line2D([], [], color=analysis.looks[n].line, marker=analysis.looks[n].marker, label=n) for n, _ in shown
+            Line2D([], [], color=analysis.looks[n].line, marker=analysis.looks[n].marker, label=n) for n, *_ in shown
         ]
         style.head(fig, question, handles)
         return style.svg(fig)
 
 
-def _factor_rows(axes: Axes, ranking: Ranking, order: list[int]) -> None:
-    for k in range(0, len(order), 2):
+def _factor_rows(axes: Axes, factors: Sequence[str]) -> None:
+    for k in range(0, len(factors), 2):
         axes.axhspan(k - 0.5, k + 0.5, color="#f4f4f4", lw=0, zorder=0)
     axes.axvline(0.0, color="black", lw=0.6)
-    axes.set_yticks(range(len(order)), [ranking.design.factors[i].words for i in order])
+    axes.set_yticks(range(len(factors)), factors)
     axes.tick_params(axis="y", length=0)
-    axes.set_ylim(len(order) - 0.5, -0.5)
+    axes.set_ylim(len(factors) - 0.5, -0.5)
     axes.grid(axis="x")
 
 
@@ -233,12 +241,14 @@ def _two_digits(interval: Interval) -> list[str]:
     return [f"{v:.2f}".replace("-0.00", "0.00").replace("-", "−") for v in interval]
 
 
-def _told(interval: Interval) -> str:
+def told(interval: Interval) -> str:
+    """Write an estimate with its interval behind it."""
     value, lower, upper = _two_digits(interval)
     return f"{value} ({lower} to {upper})"
 
 
-def _in_table(interval: Interval) -> str:
+def in_table(interval: Interval) -> str:
+    """Write an estimate with its interval below it."""
     value, lower, upper = _two_digits(interval)
     return f"{value}\n{lower} to {upper}"
 
@@ -251,14 +261,14 @@ def _tables(ranking: Ranking, target: int) -> list[Block]:
         rows = [
             [
                 design.factors[i].words,
-                *("–" if f is None else _in_table(getattr(f, kind)[i]) for f in ranking.errors[target]),
+                *("–" if f is None else in_table(getattr(f, kind)[i]) for f in ranking.errors[target]),
             ]
             for i in order
         ]
         caption = f"{name} Sobol indices of the RMSE of {words} with 95 % intervals, design “{design.name}”."
         sheets.append(Sheet(["factor", *design.estimators], rows, caption))
     rows = [
-        [design.factors[i].words, *("–" if f is None else _in_table(f.total[i]) for f in ranking.of_ranks[target])]
+        [design.factors[i].words, *("–" if f is None else in_table(f.total[i]) for f in ranking.of_ranks[target])]
         for i in order
     ]
     caption = (
@@ -270,7 +280,7 @@ def _tables(ranking: Ranking, target: int) -> list[Block]:
 def _divergence_table(ranking: Ranking) -> Sheet:
     design = ranking.design
     rows = [
-        [f.words, *("–" if indices is None else _in_table(indices.total[i]) for indices in ranking.divergence)]
+        [f.words, *("–" if indices is None else in_table(indices.total[i]) for indices in ranking.divergence)]
         for i, f in enumerate(design.factors)
     ]
     share = [f"{100 * float(np.mean(lost)):.1f} %" for lost in ranking.lost]

@@ -1,0 +1,78 @@
+"""The numbers of a population: shares of its factors in the error, each computed once."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from harness.common.arrays import Floats
+from harness.models.quantities import words
+from harness.study.given_data import Shares, shares
+from harness.study.report.ranking import Ranking
+from harness.study.results import Design
+from harness.study.score_names import NORMAL_SCORE
+
+
+class Population:
+    """What a ``population`` design says of each estimator.
+
+    Args:
+        design: The design.
+        seed: Of the study.
+        attributes: Of the store.
+    """
+
+    def __init__(self, design: Design, seed: int, attributes: Mapping[str, Any]) -> None:
+        self.design, self._ranking = design, Ranking(design, seed)
+        stored = attributes.get("groups") or {}
+        self._stated: dict[str, list[list[Any]]] = json.loads(stored) if isinstance(stored, str) else stored
+
+    @property
+    def scramblings(self) -> int:
+        """Independent scramblings, of equally many points each, one behind the other."""
+        return int(self.design.data.attrs["scramblings"])
+
+    @property
+    def correlation(self) -> Floats:
+        """Correlation of the normal scores of the factors, ``(factor, factor)``."""
+        stored = self.design.data.attrs.get("correlation")
+        return np.eye(len(self.design.factors)) if stored is None else np.array(json.loads(stored), dtype=float)
+
+    @cached_property
+    def groups(self) -> dict[str, list[int]]:
+        """Factors that are ranked as one, by their name in words: a group that was stated, or a factor alone."""
+        names = [f.name for f in self.design.factors]
+        stated = {words(g): [names.index(n) for n in members] for g, members in self._stated.get(self.design.name, [])}
+        taken = {i for members in stated.values() for i in members}
+        return {**stated, **{f.words: [i] for i, f in enumerate(self.design.factors) if i not in taken}}
+
+    @cached_property
+    def shares(self) -> list[list[Shares | None]]:
+        """Shares of the groups in the variance of the error, by target and estimator."""
+        factors = [f.name for f in self.design.factors]
+        scores = np.stack([self.design.data[f"{NORMAL_SCORE}_{name}"].values for name in factors], axis=-1)
+        cut = scores.reshape(self.scramblings, -1, len(factors))
+        return [[self._shares(cut, outcome) for outcome in row] for row in self._ranking.outcomes]
+
+    def _shares(self, scores: Floats, outcome: Floats) -> Shares | None:
+        if not np.isfinite(outcome).all():
+            return None
+        return shares(scores, outcome.reshape(self.scramblings, -1), self.correlation, list(self.groups.values()))
+
+    def order(self, target: int) -> list[int]:
+        """Return the groups by their mean share over the estimators, largest first."""
+        sizes = [[s.value for s in (own.shapley or own.total)] for own in self.shares[target] if own is not None]
+        return [int(i) for i in np.argsort(-np.mean(sizes, axis=0), kind="stable")] if sizes else []
+
+    def best(self, target: int) -> int:
+        """Return the estimator with the smallest median of the error."""
+        return self._ranking.best(target)
+
+    def named(self, groups: Sequence[int]) -> list[str]:
+        """Return the names of groups in words."""
+        names = list(self.groups)
+        return [names[i] for i in groups]

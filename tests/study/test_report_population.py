@@ -1,0 +1,60 @@
+"""The report's sections on a population, on scores whose shares are known in closed form."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import zarr
+
+from harness.study.report import analyse, write_report
+from harness.study.report.sections import shares
+from support import synthetic
+from support.joint_study import population_of, population_scores
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("fleet")
+    study = population_of(path)
+    synthetic.write(path / "out", population_scores(study))
+    root = zarr.open_group(path / "out" / "scores.zarr", mode="r+")
+    root.attrs["limits"] = json.dumps(study.limits)
+    root.attrs["groups"] = json.dumps({d.name: d.groups for d in study.designs})
+    return path / "out"
+
+
+@pytest.fixture(scope="module")
+def analysis(folder):
+    return analyse(folder)
+
+
+def words(blocks):
+    return " ".join(str(vars(block)) for block in blocks)
+
+
+def test_shares_are_those_of_the_linear_model(analysis):
+    population = analysis.findings[0].population
+    assert list(population.groups) == ["noise", "trailer mass", "friction"]
+    own = population.shares[1][0]
+    # two factors alike with correlation 0.5: each alone gives (1 + 0.5)^2 / 3 of the variance, together all
+    np.testing.assert_allclose([s.value for s in own.shapley], [0.0, 0.5, 0.5], atol=0.02)
+    np.testing.assert_allclose([s.value for s in own.first], [0.0, 0.75, 0.75], atol=0.03)
+    np.testing.assert_allclose([s.value for s in own.total], [0.0, 0.25, 0.25], atol=0.03)
+    assert own.explained.value == pytest.approx(1.0, abs=0.01)
+
+
+def test_words_give_the_shares_with_intervals(analysis):
+    told = words(shares.blocks(analysis))
+    assert "all factors together explain 1.00 (1.00 to 1.00)" in told
+    assert "8 independent scramblings" in told
+
+
+def test_the_report_has_the_section_and_the_answer(folder):
+    write_report(analyse(folder))
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert "What makes the error vary?" in page
+    assert "over the population of" in page
+    assert "First-order Sobol indices of the RMSE" in page
+    assert "could not be made" not in page
