@@ -48,7 +48,18 @@ def test_mcap_is_a_bag_with_units_on_the_clock_of_the_log(recording, tmp_path):
     assert first.log_time == 1_600_000_012_500_000_000
     (table,) = readers.read_tables(path)
     for name in recording:
-        np.testing.assert_array_equal(table.columns[f"/harness.{name}"], recording[name])
+        np.testing.assert_array_equal(table.columns[name], recording[name])
+
+
+@pytest.mark.parametrize("form", ["mf4", "mcap"])
+def test_what_is_written_is_read_back_without_a_map(recording, tmp_path, form):
+    path = tmp_path / f"a.{form}"
+    write.write_recording(recording, path)
+    read = load_recording(path)
+    np.testing.assert_allclose(read["yaw_rate"], recording["yaw_rate"], atol=1e-6)  # stamps of MCAP count from 1970
+    assert read.sizes == recording.sizes
+    units = {k: v for table in readers.read_tables(path) for k, v in table.units.items()}
+    assert (units["yaw_rate"], units["speed"]) == ("rad/s", "m/s")
 
 
 def test_a_log_that_begins_before_its_trigger_begins_at_zero_in_mcap(recording, tmp_path):

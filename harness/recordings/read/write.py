@@ -16,6 +16,7 @@ import numpy as np
 from harness.common import places
 from harness.common.errors import UserError
 from harness.common.files import refuse_special
+from harness.recordings.readers.bag import OWN_TYPE
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -137,7 +138,7 @@ def _mcap(recording: xr.Dataset) -> bytes:
     stream = io.BytesIO()
     writer = Writer(stream)
     writer.start(profile="ros2", library="robustness-harness")
-    schema = writer.register_schema("harness/msg/Signals", "ros2msg", "\n".join(fields).encode())
+    schema = writer.register_schema(OWN_TYPE, "ros2msg", "\n".join(fields).encode())
     channel = writer.register_channel(_TOPIC, "cdr", schema, {"units": json.dumps(units)})
     stamps = _stamps(recording)
     begun = max(round(float(recording.attrs.get("begun", 0.0)) * 1e9), -round(stamps[0] * 1e9))  # no time is negative

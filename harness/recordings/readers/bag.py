@@ -8,6 +8,7 @@ the stamps of its headers as its clock, and ``reception``, which a channel map m
 from __future__ import annotations
 
 import math
+import re
 import types
 from array import array
 from collections.abc import Callable, Iterator
@@ -27,6 +28,8 @@ SUFFIXES = (".bag", ".db3", ".mcap")
 
 FOLDER = "metadata.yaml"
 """File of a folder that is a bag of ROS 2."""
+OWN_TYPE = "harness/msg/Signals"
+"""Type of the messages that ``harness.recordings.read.write`` writes: a number for each signal."""
 RECEPTION = "reception"
 """Column of the stamps at which messages were received, in every topic's table."""
 _STAMP = "header.stamp"
@@ -48,6 +51,9 @@ _UNITS = {
     },
 }  # fmt: skip
 """Units of fields by the type of the message, as its comments state them."""
+
+_SIGNAL = re.compile(r"^float64 (\w+) # .*, (.*)$", re.M)
+"""Name and unit of a signal in the definition of our own type."""
 
 Field = tuple[str, str]
 """Path of a number in a message, and its unit."""
@@ -110,7 +116,9 @@ def _topics(reader: Any, wanted: Wanted | None) -> tuple[dict[str, _Topic], list
         elif name in topics and topics[name].kind != kind:
             notes.append(f"messages of type {kind} in topic '{name}' are left out: the others are {topics[name].kind}")
         else:
-            topics.setdefault(name, _Topic(name, kind, list(_fields(types_of, kind))))
+            own = kind == OWN_TYPE
+            fields = _SIGNAL.findall(connection.msgdef.data) if own else list(_fields(types_of, kind))
+            topics.setdefault(name, _Topic(name, kind, fields))
     asked = {n: t for n, t in topics.items() if wanted is not None and any(map(wanted, t.names))}
     numeric = {n: t for n, t in topics.items() if t.fields and not _holds_bytes(types_of, t.kind)}
     return asked or numeric, notes  # all of them for an error that lists them
@@ -127,7 +135,7 @@ class _Topic:
 
     def __init__(self, name: str, kind: str, fields: list[Field]) -> None:
         self.kind, self.fields = kind, fields
-        self.names = [f"{name}.{path}" for path, _ in fields]
+        self.names = [path if kind == OWN_TYPE else f"{name}.{path}" for path, _ in fields]
         self.reception = array("d")
         self._name = name
         self._values = [array("d") for _ in fields]
