@@ -99,6 +99,18 @@ def test_a_slope_that_is_no_sign_error_is_called_none():
     assert not any("lateral_velocity: wrong sign" in f for f in found), found
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_drifting_positions_of_a_vehicle_at_rest_say_nothing_of_the_unit_of_its_speed(seed):
+    rng, seconds = np.random.default_rng(seed), np.arange(0.0, np.ceil(TIME[-1]) + 1)
+    every = {name: rng.normal(0, size, len(seconds)) for name, size in (("x", 0.5), ("y", 0.5), ("v", 0.12))}
+    place = {f"position_{axis}": np.interp(TIME, seconds, np.cumsum(every[axis])) for axis in "xy"}
+    signals = {**place, "speed": np.interp(TIME, seconds, np.abs(every["v"])), "heading": np.full(len(TIME), 1.0)}
+    examined = examine(recorded(signals))
+    assert not [f for f in examined.findings if "speed" in f.signals]
+    (fit,) = (f for f in examined.fits if f.relation.formula == "speed over ground")
+    assert (fit.verdict, fit.reasons[0][:9]) == (NOT_JUDGED, "too slow:")
+
+
 def test_what_cannot_be_judged_is_said_with_its_reason():
     calm = {"speed": 20 + 0.01 * np.sin(TIME), "yaw_rate": 1e-3 * np.sin(TIME), "heading": 1e-3 - 1e-3 * np.cos(TIME)}
     rng = np.random.default_rng(8)

@@ -17,7 +17,7 @@ import numpy as np
 from harness.common.arrays import Floats
 from harness.models.signals import SIGNALS
 from harness.recordings.check.causes import EXCHANGED, SIGN, TIME, UNIT, RecordingFault, catalogue, times
-from harness.recordings.motion.consistency import applicable, tolerance
+from harness.recordings.motion.consistency import applicable, crawls, tolerance
 from harness.recordings.motion.kinematics import local_polynomial
 from harness.recordings.motion.pair_fit import without
 from harness.recordings.motion.pose import tangent_plane
@@ -184,6 +184,8 @@ class FaultSearch:
     ) -> None:
         self.mended = Mended(signals, step)
         self.relations = applicable(signals)
+        plain = View(self.mended, self.mended.forms(())[0], step)
+        self._standing = {n for n, r in enumerate(self.relations) if crawls(r, *sides(r, plain)) is not None}
         tied = {n for r in self.relations for n in r.signals}
         if self.mended.placed:
             tied |= {"latitude", "longitude"}
@@ -200,7 +202,7 @@ class FaultSearch:
         for n, relation in enumerate(self.relations):
             key = (n, step, *(forms[s] for s in relation.signals))
             if key not in self._misfits:
-                self._misfits[key] = _misfit(relation, view)
+                self._misfits[key] = RelationMisfit() if n in self._standing else _misfit(relation, view)
             misfits.append(self._misfits[key])
         return misfits
 

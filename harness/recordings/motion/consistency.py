@@ -28,7 +28,7 @@ from harness.recordings.motion.pair_fit import (
     correlation_peak,
     fit_pair,
 )
-from harness.recordings.motion.redundancy import RELATIONS, Relation
+from harness.recordings.motion.redundancy import MOVING, RELATIONS, Relation
 
 WINDOWS = (0.3, 0.6, 1.2, 2.4)
 """s over which both sides are smoothed, so that their bandwidths are alike; the one with most information is taken."""
@@ -46,6 +46,8 @@ TOLERANCE = {"rad": 0.01, "rad/s": 0.01, "rad/s^2": 0.1, "m/s": 0.1, "m/s^2": 0.
 """Standard deviation by unit that occurs without a fault, by a bank of the road, roll and vibration."""
 _LIVELY = 3.0
 """Standard deviations of the tolerance by which a signal must vary to be judged."""
+_CRAWLS, _USUAL = 0.5, 0.9
+"""m/s below which a speed is no more than the drift of positions, and the share of the time."""
 _FREE = 2.5
 """Factor by which a slope may be off beyond which the relation has no scale of its own (a wheelbase)."""
 _MISALIGNED = np.radians(3.0)
@@ -202,7 +204,11 @@ def compare(relation: Relation, smoothed: SmoothedSignals) -> Agreement:
     if relation.circular:
         return _turned(empty)
     usable = [side for side, count in zip(sides, counts, strict=True) if count > 0.5 * counts[0]]
-    calm = _calm(relation, *usable[-1][:2])  # where noise counts least
+    slow = crawls(relation, *usable[-1][:2])  # where noise counts least
+    if slow is not None:
+        drift = f"too slow: below {slow:.2g} m/s for {_USUAL:.0%} of the time, and positions drift as fast"
+        return replace(empty, reasons=(drift,))
+    calm = _calm(relation, *usable[-1][:2])
     if _still(measured, computed):
         return replace(empty, verdict=NOT_JUDGED, reasons=(calm,)) if calm else _one_still(empty)
     fits = [
@@ -261,6 +267,18 @@ def _calm(relation: Relation, measured: Floats, computed: Floats) -> str | None:
     value, unit = _in_report_unit(relation, largest)
     needed, _ = _in_report_unit(relation, least)
     return f"too calm: varies by {value:.2g} {print_unit(unit)}, {needed:.2g} {print_unit(unit)} are needed"
+
+
+def crawls(relation: Relation, measured: Floats, computed: Floats) -> float | None:
+    """Return the speed in m/s at which a vehicle stands or crawls all the time; ``None`` if it moves.
+
+    Positions that drift then make up a speed, which tells nothing of the unit of the measured one.
+    """
+    both = np.isfinite(measured) & np.isfinite(computed)
+    if SIGNALS[relation.signal].unit != "m/s" or "position_x" not in relation.needs or not both.any():
+        return None
+    recorded, drifted = (float(np.quantile(np.abs(side[both]), _USUAL)) for side in (measured, computed))
+    return recorded if recorded < _CRAWLS and drifted < MOVING else None
 
 
 def _still(measured: Floats, computed: Floats) -> bool:
