@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from harness.api.estimates import Estimates as Estimates
     from harness.api.estimates import estimate as estimate
     from harness.api.estimator import Estimator as Estimator
+    from harness.api.export import ExportedEstimator as ExportedEstimator
+    from harness.api.export import export_estimator as export_estimator
     from harness.api.identification import Identification as Identification
     from harness.api.identification import identify as identify
     from harness.api.model import Model as Model
@@ -59,6 +61,7 @@ _PLACES = {
     "harness.api.drive": ("Drive", "drive"),
     "harness.api.estimates": ("Estimates", "estimate"),
     "harness.api.estimator": ("Estimator",),
+    "harness.api.export": ("ExportedEstimator", "export_estimator"),
     "harness.api.identification": ("Identification", "identify"),
     "harness.api.model": ("Model", "model"),
     "harness.api.realtime": ("RealTime", "time_steps"),

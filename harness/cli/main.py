@@ -22,6 +22,7 @@ import typer.core
 from rich.console import Console
 from rich.text import Text
 
+from harness.cli.export import export
 from harness.cli.guard import answered, guarded, place_of_output, show_tracebacks
 from harness.cli.models import observability, simulate
 from harness.cli.new import new
@@ -410,6 +411,7 @@ _command()(_answers_errors(trace))
 _command()(_answers_errors(loop))
 _command()(_answers_errors(realtime))
 _command()(_answers_errors(remedy))
+_command()(_answers_errors(export))
 _command()(_answers_errors(new))
 _command()(_answers_errors(verify))
 _command()(_answers_errors(status))

@@ -21,7 +21,7 @@ RESULTS = {
 }
 """Commands that write ``report.html`` into their ``--out``, and what tells their result; nothing tells a campaign."""
 
-_FOLDERS = {*RESULTS, "check", "observability"}
+_FOLDERS = {*RESULTS, "check", "export", "observability"}
 """Commands whose ``--out`` is a folder."""
 
 _FILES = {"tune", "simulate"}

@@ -1,0 +1,98 @@
+"""``harness.export_estimator``: an estimator of a study as C99."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from harness.api._show import Shown
+from harness.api.study import Study
+
+if TYPE_CHECKING:
+    from harness.realtime.export.run import Exported
+
+
+def export_estimator(
+    study: Study,
+    estimator: str | None = None,
+    *,
+    parameters: str | Path | None = None,
+    precision: Literal["double", "float"] = "double",
+    name: str | None = None,
+    drive: str | None = None,
+    duration: float | str = "20 s",
+) -> ExportedEstimator:
+    """Print an estimator of a study as C99, from the kernels that the study runs.
+
+    Args:
+        study: The study; its designs do not matter.
+        estimator: Name of one of its estimators; the first by default.
+        parameters: Parameter file that it believes in place of the study's belief, such as the ``belief.toml`` of
+            remedies or the ``amended.toml`` of a trace.
+        precision: Of the numbers in C.
+        name: That everything in C begins with; names of study and estimator by default.
+        drive: Name of the drive of the recorded run that comes with it; the first of the study by default.
+        duration: How much of it is recorded, in s or text with a unit.
+
+    Returns:
+        The files.
+
+    Raises:
+        UserError: If there is no such estimator, drive or file, or the estimator cannot be printed.
+
+    Example:
+        >>> import harness as h
+        >>> study = h.Study(
+        ...     plant=h.model("car", "govindarajan_2018", sensors="car_series"),
+        ...     targets=["lateral_velocity"],
+        ...     drives=[h.drive("sine", duration="10 s", amplitude="20 deg")],
+        ...     estimators=["ekf"],
+        ...     designs=[h.design("nominal")],
+        ...     name="car",
+        ... )
+        >>> exported = h.export_estimator(study, duration="2 s")
+        >>> "void car_ekf_step(car_ekf *e, const car_ekf_inputs *inputs" in exported.files["car_ekf.h"]
+        True
+    """
+    from rich.console import Console
+
+    from harness.common.stages import showing
+    from harness.common.units import to_si
+    from harness.realtime.export.run import believing, export
+
+    spec = study.spec if parameters is None else believing(study.spec, Path(parameters))
+    seconds = to_si(duration, "s", "duration")
+    with showing(Console(stderr=True), "exporting") as show:
+        return ExportedEstimator(export(spec, estimator, precision, name, (drive, seconds), show))
+
+
+class ExportedEstimator(Shown):
+    """An estimator as C99; made by ``harness.export_estimator``.
+
+    Attributes:
+        name: That everything in C begins with.
+        files: Text by file name.
+    """
+
+    def __init__(self, exported: Exported) -> None:
+        self.name, self.files = exported.export.name, dict(exported.files)
+        self._exported = exported
+
+    @property
+    def answer(self) -> str:
+        """What it is, in a sentence."""
+        return self._exported.answer
+
+    def write(self, folder: str | Path) -> list[Path]:
+        """Write the files into a folder, made if absent; return their paths.
+
+        Raises:
+            UserError: If the folder cannot be written to.
+        """
+        from harness.common.files import write_files
+
+        return write_files(Path(folder), self.files)
+
+    def _facts(self) -> Mapping[str, Any]:
+        return {"answer": self.answer, "files": ", ".join(self.files)}

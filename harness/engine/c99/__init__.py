@@ -1,0 +1,1 @@
+"""Kernels printed as C99, one number in each lane."""

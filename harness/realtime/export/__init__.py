@@ -1,0 +1,1 @@
+"""Estimators as C99, printed from the kernels that studies run."""

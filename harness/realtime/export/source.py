@@ -1,0 +1,326 @@
+"""Header and source of an exported estimator."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+
+from harness.engine.c99.program import in_single_precision
+from harness.realtime.export.interface import Interface, Quantity
+from harness.realtime.export.library import Library, Member, Precision
+
+WIDTH = 112
+
+
+@dataclass(frozen=True)
+class Export:
+    """An estimator that leaves the harness.
+
+    Attributes:
+        name: C identifier that everything begins with.
+        title: What it is, in words.
+        library: Its kernels.
+        interface: What it gets and gives.
+        precision: Of its numbers.
+        step: Sample time in s.
+        variances: Of process noise, measurement noise and first states, and the first states, as the study believes.
+        factors: By which noise and first variances differ from those of the study's belief, because it is tuned.
+        study: Digest of the study.
+        settings: Of the estimator, in words.
+    """
+
+    name: str
+    title: str
+    library: Library
+    interface: Interface
+    precision: Precision
+    step: float
+    variances: dict[str, Sequence[float]]
+    factors: dict[str, Sequence[float]]
+    study: str
+    settings: str
+
+    @property
+    def memory(self) -> int:
+        """Bytes of an estimator."""
+        size = 8 if self.precision == "double" else 4
+        return size * (1 + sum(m.size for m in self.library.members))
+
+    def quantities(self, group: str) -> tuple[Quantity, ...]:
+        """Return the quantities that a group of what is believed has a number for."""
+        if group == "parameters":
+            return self.interface.parameters
+        return self.interface.measurements if group == "measurement_noise" else self.interface.states
+
+    def values(self, group: str) -> Sequence[float]:
+        """Return what the study believes of a group."""
+        if group == "parameters":
+            return [q.value or 0.0 for q in self.interface.parameters]
+        return self.variances[group]
+
+
+BELIEVED = {
+    "parameters": "of the vehicle",
+    "process_noise": "variance that a sample adds to each state",
+    "measurement_noise": "variance of each measurement",
+    "first": "first state",
+    "first_variance": "variance of each first state",
+}
+"""What an estimator believes, in the order in which a study hands it over; values are those of the study."""
+
+
+def _comment(text: str, margin: str = "") -> str:
+    lines = textwrap.wrap(text, WIDTH - len(margin) - 6)
+    return f"{margin}/* " + f"\n{margin} * ".join(lines) + " */"
+
+
+def _structure(name: str, quantities: Sequence[Quantity], number: str, what: str, empty: str) -> str:
+    """Return a structure with a field for each quantity; one of none has a number of no meaning."""
+    fields = [f"    {number} {q.field}; /* {q.says} */" for q in quantities] or [f"    {number} none; /* {empty} */"]
+    return "\n".join([_comment(what), "typedef struct {", *fields, f"}} {name};"])
+
+
+def header(export: Export) -> str:
+    """Return the text of the header."""
+    name, upper, number = export.name, export.name.upper(), f"{export.name}_real"
+    face, values = (
+        export.interface,
+        [
+            f'#define {upper}_VERSION "{version("robustness-harness")}" /* of the robustness harness */',
+            f'#define {upper}_STUDY "{export.study}"',
+            f'#define {upper}_KERNELS "{export.library.digest}"',
+            f"#define {upper}_STEP {export.step!r} /* s, from sample to sample */",
+        ],
+    )
+    counts = {"INPUTS": face.inputs, "MEASUREMENTS": face.measurements, "ESTIMATES": face.estimates,
+              "STATES": face.states, "PARAMETERS": face.parameters}  # fmt: skip
+    parts = [
+        _comment(
+            f"{export.title}. Printed by the robustness harness from the kernels that its studies run; do not edit. "
+            f"{export.settings} SI units; axes of ISO 8855: x forward, y left, z up. An estimator has {export.memory} "
+            "bytes of memory, which the caller keeps; nothing is allocated, nothing calls itself. Several may run."
+        ),
+        f"#ifndef {upper}_H\n#define {upper}_H\n#include <stdbool.h>\n#ifdef __cplusplus\nextern \"C\" {{\n#endif",
+        f"typedef {export.precision} {number};",
+        "\n".join(values + [f"#define {upper}_{key} {len(group)}" for key, group in counts.items()]),
+        _places(upper, face.states),
+        _structure(f"{name}_inputs", face.inputs, number, "What is known, at a sample and held until the next.",
+                   "there is no input"),
+        _structure(f"{name}_measurements", face.measurements, number, "What is measured at a sample; NaN is missing.",
+                   "there is no measurement"),
+        _structure(f"{name}_signals", face.estimates, number, "What is estimated.", "nothing is estimated"),
+        _outcome(name, number),
+        _belief(export, number),
+        _memory(name, number, export.library.members),
+        _functions(name),
+        "#ifdef __cplusplus\n}\n#endif\n#endif",
+    ]  # fmt: skip
+    return "\n\n".join(parts) + "\n"
+
+
+def _places(upper: str, states: Sequence[Quantity]) -> str:
+    lines = [f"    {upper}_STATE_{q.field.upper()} = {i}, /* {q.says} */" for i, q in enumerate(states)]
+    lines[-1] = lines[-1].replace(", /*", " /*", 1)
+    return "\n".join([_comment("Places of the states in mean and covariance."), "enum {", *lines, "};"])
+
+
+def _outcome(name: str, number: str) -> str:
+    return f"""/* What a step says. */
+typedef struct {{
+    {name}_signals value;
+    {name}_signals deviation; /* standard deviations; NaN of an estimator that states none */
+    {number} nis; /* normalised innovation squared, of chi-square with as many degrees as used */
+    {number} log_likelihood; /* of the measurements of the sample */
+    {number} used; /* measurements that were there */
+    {number} repaired; /* 1 where a factor of a covariance had to be repaired, else 0 */
+    bool outside; /* whether the state is beyond what the equations hold for, or no number: begin anew */
+}} {name}_outcome;"""
+
+
+def _belief(export: Export, number: str) -> str:
+    lines = [_comment("What is believed; of parameters, noise and first states."), "typedef struct {"]
+    for group, meaning in BELIEVED.items():
+        lines += [f"    struct {{ /* {meaning} */"]
+        quantities = export.quantities(group)
+        lines += [f"        {number} {q.field}; /* {_of(group, q)} */" for q in quantities] or [
+            f"        {number} none;"
+        ]
+        lines += [f"    }} {group};"]
+    return "\n".join([*lines, f"}} {export.name}_belief;"])
+
+
+def _of(group: str, quantity: Quantity) -> str:
+    if not group.endswith(("noise", "variance")):
+        return quantity.says
+    return f"({quantity.says.split(';')[0]})^2"
+
+
+def _memory(name: str, number: str, members: Sequence[Member]) -> str:
+    lines = [f"    {number} {m.name}[{m.size}]; /* {m.meaning} */" for m in members]
+    return "\n".join([_comment("An estimator; read what you like, and write nothing but to go on from a state "
+                               "that was kept: mean, covariance, memory and inputs_before, with begun."),
+                      "typedef struct {", "    bool begun;", *lines, f"}} {name};"])  # fmt: skip
+
+
+def _functions(name: str) -> str:
+    return f"""/* Write what the study believes. */
+void {name}_believe({name}_belief *belief);
+
+/* Begin a run. */
+void {name}_begin({name} *e, const {name}_belief *belief);
+
+/* Take one sample. The first one behind {name}_begin uses no measurement: its outcome is the first state's. */
+void {name}_step({name} *e, const {name}_inputs *inputs, const {name}_measurements *measurements,
+                 {name}_outcome *outcome);"""
+
+
+_PRELUDE = {
+    "double": """typedef double real;
+#define real_abs fabs
+#define real_copysign copysign
+#define real_floor floor
+#define real_fma fma
+#define real_sqrt sqrt""",
+    "float": """typedef float real;
+#define real_abs fabsf
+#define real_copysign copysignf
+#define real_floor floorf
+#define real_fma fmaf
+#define real_sqrt sqrtf""",
+}
+
+_POWER = """/* 2 to the power k, a whole number. */
+static real power_of_two(real k) {
+    UNSIGNED bits;
+    real power;
+    if (!(k >= -SMALLEST.0)) {
+        return k < 0.0 ? 0.0 : (real) NAN;
+    }
+    if (k > BIAS.0) {
+        return (real) INFINITY;
+    }
+    bits = (UNSIGNED) ((int) k + BIAS) << MANTISSA;
+    memcpy(&power, &bits, sizeof power);
+    return power;
+}"""
+
+_EXPONENT = """/* The exponent e of x = m 2^e with 1 <= m < 2, of a positive normal number. */
+static real exponent_of(real x) {
+    UNSIGNED bits;
+    memcpy(&bits, &x, sizeof bits);
+    return (real) ((int) (bits >> MANTISSA) - BIAS);
+}"""
+
+_LAYOUT = {
+    "double": {"UNSIGNED": "uint64_t", "SMALLEST": "1022", "BIAS": "1023", "MANTISSA": "52"},
+    "float": {"UNSIGNED": "uint32_t", "SMALLEST": "126", "BIAS": "127", "MANTISSA": "23"},
+}
+
+
+def source(export: Export) -> str:
+    """Return the text of the source."""
+    name, library, layout = export.name, export.library, _LAYOUT[export.precision]
+    kernels = library.source
+    needed = [
+        text for text, function in ((_POWER, "power_of_two("), (_EXPONENT, "exponent_of(")) if function in kernels
+    ]
+    bits = [_filled(text, layout) for text in needed]
+    parts = [
+        _comment(f"{export.title}: see {name}.h. Printed by the robustness harness; do not edit."),
+        "\n".join([f'#include "{name}.h"', "", "#include <math.h>", *(["#include <stdint.h>"] if bits else []),
+                   "#include <string.h>"]),
+        '#ifdef __FAST_MATH__\n#error "no -ffast-math: NaN is a missing measurement, and sums have an order"\n#endif',
+        _PRELUDE[export.precision],
+        *bits,
+        kernels,
+        _believe(export),
+        _begin(export),
+        _step(export),
+    ]  # fmt: skip
+    text = "\n\n".join(parts)
+    if export.precision == "float":
+        text = in_single_precision(text)
+    return "\n".join(wrapped(text)) + "\n"
+
+
+def _filled(text: str, layout: dict[str, str]) -> str:
+    return re.sub("|".join(layout), lambda match: layout[match[0]], text)
+
+
+def _believe(export: Export) -> str:
+    lines = [f"void {export.name}_believe({export.name}_belief *belief) {{"]
+    for group in BELIEVED:
+        quantities, values = export.quantities(group), export.values(group)
+        lines += [f"    belief->{group}.{q.field} = {float(x)!r};" for q, x in zip(quantities, values, strict=True)]
+        lines += [] if quantities else [f"    belief->{group}.none = 0.0;"]
+    return "\n".join([*lines, "}"])
+
+
+def _array(name: str, places: Sequence[str]) -> str:
+    return f"    const real {name}[{len(places)}] = {{{', '.join(places)}}};"
+
+
+def _mentioned(name: str, lines: Sequence[str]) -> bool:
+    return any(re.search(rf"\b{name}\b", line) for line in lines)
+
+
+def _begin(export: Export) -> str:
+    lines = [f"void {export.name}_begin({export.name} *e, const {export.name}_belief *belief) {{"]
+    for array, group in (("p", "parameters"), ("first", "first"), ("variance", "first_variance")):
+        fields = [f"belief->{group}.{q.field}" for q in export.quantities(group)]
+        if _mentioned(array, export.library.begin) and fields:
+            lines.append(_array(array, fields))
+    lines.append("    memset(e, 0, sizeof *e);")
+    for group in ("process_noise", "measurement_noise"):
+        lines += [f"    e->{group}[{i}] = belief->{group}.{q.field};" for i, q in enumerate(export.quantities(group))]
+    return "\n".join([*lines, *export.library.begin, "}"])
+
+
+def _step(export: Export) -> str:
+    name, face, library = export.name, export.interface, export.library
+    lines = [f"void {name}_step({name} *e, const {name}_inputs *inputs, const {name}_measurements *measurements, "
+             f"{name}_outcome *outcome) {{"]  # fmt: skip
+    for array, group, quantities in (("u", "inputs", face.inputs), ("y", "measurements", face.measurements)):
+        used = [*library.take, *library.tell, "inputs_before[0] = u" if array == "u" else ""]
+        if quantities and _mentioned(array, used):
+            lines.append(_array(array, [f"{group}->{q.field}" for q in quantities]))
+        else:
+            lines.append(f"    (void) {group};")
+    held = [f"        e->inputs_before[{i}] = u[{i}];" for i in range(len(face.inputs))]
+    lines += [
+        "    if (e->begun) {",
+        *(f"    {line}" for line in library.take),
+        "    } else {",
+        "        e->begun = true;",
+        "        e->nis[0] = (real) NAN;",
+        *held,
+        "    }",
+        *library.tell,
+    ]
+    count = len(face.estimates)
+    for i, q in enumerate(face.estimates):
+        lines += [f"    outcome->value.{q.field} = e->estimates[{i}];",
+                  f"    outcome->deviation.{q.field} = e->estimates[{count + i}];"]  # fmt: skip
+    for field, member in (
+        ("nis", "nis"),
+        ("log_likelihood", "log_likelihood"),
+        ("used", "seen"),
+        ("repaired", "repairs"),
+    ):
+        lines.append(f"    outcome->{field} = e->{member}[0];")
+    return "\n".join([*lines, "    outcome->outside = e->outside[0] > 0.0;", "}"])
+
+
+def wrapped(text: str) -> Iterator[str]:
+    """Give the lines of C text, long ones broken."""
+    for line in text.splitlines():
+        if len(line) <= WIDTH or line.startswith("#"):
+            yield line
+            continue
+        margin = line[: len(line) - len(line.lstrip())]
+        yield from textwrap.wrap(
+            line, WIDTH, subsequent_indent=margin + "        ", break_long_words=False, break_on_hyphens=False
+        )
