@@ -9,6 +9,7 @@ folder          exports
 ``tyres``       ``PARAMETERS``, ``lateral_force(t)``
 ``effects``     ``PORT``, ``READS``, ``PARAMETERS``, ``STATES``, ``apply(e, value)``
 ``sensors``     ``OUTPUTS``
+``degradations`` ``PARAMETERS``, ``degrade(readings)``
 ``parameters``  ``VEHICLE``, ``VALUES``, ``PROCESS_NOISE``, ``MEASUREMENT_NOISE``, ``NOISE_STEP``; ``STD``, ``TYRE``
 ``drives``      ``OPTIONS``, ``generate(options, context)``
 ==============  =========================================================================================
@@ -36,6 +37,9 @@ parameters or sensors that fit exports ``USUAL``, which of them a command takes 
 A tyre whose cornering stiffness is in proportion to one of its parameters exports the name as ``STIFFNESS``; studies
 vary the stiffness of an axle by it. A parameter set whose values belong to one tyre exports that as ``TYRE``.
 
+A degradation of sensors is named among the effects of a plant, ``dropout`` for all sensors or ``dropout@yaw_rate``. It
+has no equations: it changes the readings of a simulated drive (``Readings``), and no estimator can believe in it.
+
 An effect whose parameters belong to a body, an axle, a tyre or a measured output exports ``PLACE``
 (``models/assembly/placement.py``); one whose state is a random process exports ``NOISE``, its variance per second by
 state.
@@ -47,10 +51,55 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from harness.common.arrays import Floats
 
 DRIVE_INPUTS: tuple[str, ...] = ("steering_wheel_angle", "speed")
 """What a drive states over time; a vehicle's first state may be taken from it."""
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Readings of one sensor in runs that are simulated side by side, as a degradation gets them.
+
+    Attributes:
+        values: ``(..., samples, lanes)`` in SI units, NaN where missing.
+        noise: The white noise that is in them, same shape.
+        deviation: Standard deviation of that noise ``(..., 1, lanes)``.
+        step: Sample time in s.
+        parameter, numbers: What ``p`` and ``normal`` return, by name.
+    """
+
+    values: Floats
+    noise: Floats
+    deviation: Floats
+    step: float
+    parameter: Callable[[str], Floats]
+    numbers: Callable[[str, bool], Floats]
+
+    @property
+    def samples(self) -> Floats:
+        """Number of each sample from 0 on ``(samples, 1)``."""
+        return np.arange(self.values.shape[-2], dtype=float)[:, None]
+
+    @property
+    def lanes(self) -> int:
+        """Runs side by side."""
+        return int(self.values.shape[-1])
+
+    def p(self, name: str) -> Floats:
+        """Return a parameter of the degradation in each run ``(..., 1, lanes)``."""
+        return self.parameter(name)
+
+    def normal(self, stream: str, shared: bool = False) -> Floats:
+        """Return standard normal numbers of a run ``(..., samples, lanes)``, the same however runs are grouped.
+
+        Args:
+            stream: Name among those of the degradation; other streams are independent.
+            shared: Whether all sensors get the same numbers.
+        """
+        return self.numbers(stream, shared)
 
 
 @dataclass(frozen=True)

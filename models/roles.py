@@ -58,6 +58,9 @@ VEHICLES = Role(
 TYRES = Role(f"{__package__}.tyres", "tyre", ("PARAMETERS", "lateral_force"), word="tyres")
 EFFECTS = Role(f"{__package__}.effects", "effect", ("PORT", "READS", "PARAMETERS", "STATES", "apply"), word="effects")
 SENSORS = SensorRole(f"{__package__}.sensors", "sensor", ("OUTPUTS",), word="sensors")
+DEGRADATIONS = Role(
+    f"{__package__}.degradations", "degradation of sensors", ("PARAMETERS", "degrade"), word="degradations"
+)
 PARAMETERS = Role(
     f"{__package__}.parameters",
     "parameter",
@@ -66,5 +69,5 @@ PARAMETERS = Role(
 )
 DRIVES = Role(f"{__package__}.drives", "drive", ("OPTIONS", "generate"), word="drives")
 
-ROLES = {role.word: role for role in (VEHICLES, TYRES, EFFECTS, SENSORS, PARAMETERS, DRIVES)}
+ROLES = {role.word: role for role in (VEHICLES, TYRES, EFFECTS, SENSORS, DEGRADATIONS, PARAMETERS, DRIVES)}
 """By the word that commands use for it."""

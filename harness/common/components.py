@@ -1,6 +1,7 @@
 """Components: the files of a role, wherever they come from, under one mechanism.
 
-A component is a vehicle, tyre, effect, set of sensors, set of parameters, kind of drive, estimator or reader. It comes
+A component is a vehicle, tyre, effect, set of sensors, degradation of them, set of parameters, kind of drive,
+estimator or reader. It comes
 
 1. with the harness (the folder is the registry),
 2. by ``register`` in a script or notebook,
@@ -33,7 +34,9 @@ from harness.common import locations
 from harness.common.errors import ModelError, UserError
 from harness.common.files import LIMITED
 
-WORDS = ("vehicles", "tyres", "effects", "sensors", "parameters", "drives", "estimators", "readers")
+WORDS = (
+    "vehicles", "tyres", "effects", "sensors", "degradations", "parameters", "drives", "estimators", "readers",
+)  # fmt: skip
 """Roles that components may come for from outside: names of folders, of entry-point groups and of ``register``."""
 
 OURS = "harness"

@@ -17,7 +17,7 @@ from harness.config.specs import ModelSpec, assembled
 from harness.config.unknown_parameters import KEYS, parameter_states
 from harness.models.assembly.assemble import StateSpaceModel
 from harness.models.assembly.parameter_states import ParameterState
-from harness.models.assembly.placement import load_effect, place_of, split
+from harness.models.assembly.placement import is_degradation, load_effect, place_of, split
 from harness.models.contracts import DRIVE_INPUTS
 from harness.models.roles import SENSORS, TYRES, VEHICLES
 
@@ -73,9 +73,9 @@ class Stated:
 def stated(side: str, table: ModelTable, folder: Path, problems: Problems, parent: Stated | None = None) -> Stated:
     """Flatten a table, add what it inherits and the tyre and effects that come with its parameter set.
 
-    Everything not stated is as in the parent, key by key. A table that names a vehicle or a parameter set of
-    its own starts from that set: single values and variances of the parent are not carried over into it, nor effects
-    that came with the parent's set.
+    Everything not stated is as in the parent, key by key, without degradations of its sensors. A table that names a
+    vehicle or a parameter set of its own starts from that set: single values and variances of the parent are not
+    carried over into it, nor effects that came with the parent's set.
 
     Args:
         side: ``plant`` or ``belief``.
@@ -96,7 +96,8 @@ def stated(side: str, table: ModelTable, folder: Path, problems: Problems, paren
         for name, value in parent.entries.items():
             of_set = name.startswith(("values.", "noise.")) or (name == "effects" and parent.with_set(name))
             if name not in entries and not (fresh and of_set):
-                entries[name], keys[name] = value, parent.key(name)
+                inherited = [e for e in value if not is_degradation(e)] if name == "effects" else value
+                entries[name], keys[name] = inherited, parent.key(name)
     plain = Stated(side, entries, keys)
     parameter_set = _parameter_set(plain, folder, problems)
     return plain if parameter_set is None else _with_set(plain, parameter_set, problems)
@@ -196,6 +197,8 @@ def _assemble(table: Stated, problems: Problems) -> StateSpaceModel | None:
             problems.add(f"{table.key('effects')}[{i}]", f"effect '{effect}' is named twice; remove one")
         with problems.catch(f"{table.key('effects')}[{i}]"):
             load_effect(effect)
+            if table.side == "belief" and is_degradation(effect):
+                raise ModelError(f"'{effect}' degrades the sensors of a plant, no estimator believes in it; remove it")
     if len(problems) > before:
         return None
     plain: StateSpaceModel | None = None

@@ -14,7 +14,7 @@ from harness.config.problems import Problems, validated
 from harness.config.schema import ParameterFile
 from harness.config.specs import ModelSpec
 from harness.models.assembly.placement import load_effect, possible_parameters
-from harness.models.roles import EFFECTS, PARAMETERS, SENSORS, TYRES, VEHICLES
+from harness.models.roles import DEGRADATIONS, EFFECTS, PARAMETERS, SENSORS, TYRES, VEHICLES
 from harness.models.signals import SIGNALS
 
 
@@ -221,8 +221,8 @@ def _parameter_units(vehicle: str) -> dict[str, str]:
     for tyre in TYRES.names():
         for p in TYRES.load(tyre).PARAMETERS:
             units |= {f"{p.name}_{group}": p.unit for group in module.AXLES.values()}
-    for effect in EFFECTS.names():
-        units |= {p.name: p.unit for p in possible_parameters(EFFECTS.load(effect), module)}
+    for effect in (*EFFECTS.names(), *DEGRADATIONS.names()):
+        units |= {p.name: p.unit for p in possible_parameters(load_effect(effect), module)}
     return units
 
 

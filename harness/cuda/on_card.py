@@ -142,6 +142,8 @@ class CardEvaluator:
             )
         if study.belief.input_noise or study.plant.input_noise:
             raise UserError(f"{study.path}: inputs with noise are computed on the processor only; leave out '--device'")
+        if study.plant.model().degradations:
+            raise UserError(f"{study.path}: degraded sensors are computed on the processor only; leave out '--device'")
         self._draw = CardKernel("noise", loops.draw_noise, None, {upper_half: upper_half_on_card})
         self.simulate_kernel = CardKernel("simulate", loops.simulate_runs, compiled.plant, SIMULATION)
         self._copy, self._hold = (CardKernel(f.__name__, f) for f in (loops.copy_row, loops.hold_row))

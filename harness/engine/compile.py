@@ -79,6 +79,7 @@ from harness.engine.simd import (
     functions as lane_math,
 )
 from harness.models.assembly.assemble import StateSpaceModel
+from harness.models.assembly.degradation import refuse_degradations
 from harness.models.signals import turn_of
 
 INTEGRATORS = ("euler", "heun", "rk4")
@@ -316,6 +317,7 @@ def compile_model(
         integrator, substeps = "euler", 1
     source = _source(model, signals, parameters, jacobians, step, integrator, substeps)
     if duals:
+        refuse_degradations(model)
         source = over_duals(source)
     return CompiledModel(model, load_source(f"model_{model.name.replace('+', '_')}", source), step, signals)
 

@@ -17,6 +17,7 @@ from harness.engine.compile import CompiledModel, load_source, paste
 from harness.engine.kernel_names import Belief, Info, State
 from harness.engine.simd.lanes import LANES
 from harness.estimation.contract import kernels_of, load_estimator
+from harness.models.assembly.degradation import refuse_degradations
 from harness.runner.contract import Held, InputSeries, Kept, Ports, Record, Recorder
 from harness.runner.filter_loop import BATCH, RECORDING
 from harness.runner.scores import Scoring
@@ -56,6 +57,7 @@ class CompiledEstimator:
         self.has_covariance = bool(file.HAS_COVARIANCE)
         if compiled.model.considered and not file.KALMAN_TYPE:
             raise UserError(f"estimator '{kind}' has no gain of a Kalman filter, so it cannot consider parameters")
+        refuse_degradations(compiled.model)
         try:
             chosen = file.Settings(**(settings or {}))
             if hasattr(file, "fit"):

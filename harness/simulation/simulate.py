@@ -19,6 +19,7 @@ from harness.models.roles import SENSORS
 from harness.models.signals import TRUTH, signal_attributes
 from harness.runner.contract import Batch, Held, InputSeries, Ports, Signals
 from harness.runner.simulation_loop import SIMULATION, simulate
+from harness.simulation.degraded_sensors import degrade
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -79,6 +80,7 @@ class CompiledSimulator:
             batches(y, 3),
             left_at.reshape(-1, 1, LANES),
         )
+        degrade(self.model, y, held, noise, self._options[0])
         return Batch(truth, y, left_at)
 
 

@@ -18,11 +18,13 @@ from harness.common import components, registry
 from harness.common.errors import ModelError
 from harness.models.assembly.algebraic_loops import solve_loops
 from harness.models.assembly.contexts import EffectContext, TyreContext
+from harness.models.assembly.degradation import with_degradations
 from harness.models.assembly.expressions import any_of, present
 from harness.models.assembly.model import Body, StateSpaceModel, symbol
 from harness.models.assembly.placement import (
     Layout,
     Site,
+    degrades,
     load_effect,
     parameter_at,
     place_of,
@@ -445,6 +447,9 @@ def assemble(
     sensor_file = SENSORS.load(sensors) if isinstance(sensors, str) else sensors
     if sensor_file is not None:
         SIGNALS.learn(sensor_file)
-    builder = Builder(vehicle_file, tyre_file, effects, optional)
+    degradations = {name: file for name, file in effects.items() if degrades(file)}
+    acting = {name: file for name, file in effects.items() if name not in degradations}
+    builder = Builder(vehicle_file, tyre_file, acting, optional)
     vehicle_file.equations(builder)
-    return builder.finish({} if sensor_file is None else sensor_file.OUTPUTS)
+    model = builder.finish({} if sensor_file is None else sensor_file.OUTPUTS)
+    return with_degradations(model, degradations) if degradations else model

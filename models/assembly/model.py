@@ -94,6 +94,7 @@ class StateSpaceModel:
         further: What follows from states and ports and is computed only where it is asked for, by signal: the sideslip
             angle of each body that has no state or port for it.
         opaque: Whether its equations are not known, because it is a plant of somebody else.
+        degradations: What degrades which output, in the order they act; of a simulated drive only.
     """
 
     name: str
@@ -121,6 +122,7 @@ class StateSpaceModel:
     bodies: dict[str, Body] = field(default_factory=dict)
     further: dict[str, sp.Expr] = field(default_factory=dict)
     opaque: bool = False
+    degradations: tuple[tuple[str, str], ...] = ()
 
     @property
     def parameter_names(self) -> tuple[str, ...]:

@@ -16,7 +16,7 @@ from types import ModuleType
 
 from harness.common.errors import ModelError
 from harness.models.contracts import Parameter
-from harness.models.roles import EFFECTS
+from harness.models.roles import DEGRADATIONS, EFFECTS
 from harness.models.signals import MAGNITUDE, SIGNALS
 
 OF_SIGNAL = "{signal}"
@@ -104,7 +104,12 @@ def ports_of(effect: ModuleType) -> tuple[str, ...]:
 
 def place_of(effect: ModuleType) -> str:
     """Return the kind of place that has parameters of its own; one set for the vehicle if the file says nothing."""
-    return getattr(effect, "PLACE", "")
+    return "output" if degrades(effect) else getattr(effect, "PLACE", "")
+
+
+def degrades(effect: ModuleType) -> bool:
+    """Whether it is a degradation of sensors, which has no equations."""
+    return hasattr(effect, "degrade")
 
 
 def sites(effect: ModuleType, port: str, layout: Layout) -> Iterator[Site]:
@@ -151,7 +156,8 @@ def parameter_at(parameter: Parameter, place: str) -> Parameter:
     scale = MAGNITUDE.get(unit, 1.0)
     grid, natural = (tuple(scale * v for v in values) for values in (parameter.grid, parameter.natural))
     lower, upper = scale * parameter.lower, scale * parameter.upper
-    return replace(declared, unit=unit, lower=lower, upper=upper, grid=grid, natural=natural)
+    neutral = None if parameter.neutral is None else scale * parameter.neutral
+    return replace(declared, unit=unit, lower=lower, upper=upper, grid=grid, natural=natural, neutral=neutral)
 
 
 def split(name: str) -> tuple[str, str | None]:
@@ -160,14 +166,19 @@ def split(name: str) -> tuple[str, str | None]:
     return file, place if at else None
 
 
+def is_degradation(name: str) -> bool:
+    """Whether a degradation of sensors has this name, with or without a place."""
+    return split(name)[0] in DEGRADATIONS.components()
+
+
 def load_effect(name: str) -> ModuleType:
-    """Return the file of an effect, named with or without a place.
+    """Return the file of an effect, or degradation of sensors, named with or without a place.
 
     Raises:
         ModelError: If there is no such file, or an effect that has no places is given one.
     """
     file, place = split(name)
-    effect = EFFECTS.load(file)
+    effect = (DEGRADATIONS if is_degradation(file) else EFFECTS).load(file)
     if place is not None and not place_of(effect):
         raise ModelError(f"effect '{file}' acts on the whole vehicle; write '{file}' without '@{place}'")
     return effect
@@ -175,6 +186,8 @@ def load_effect(name: str) -> ModuleType:
 
 def possible_parameters(effect: ModuleType, vehicle: ModuleType) -> Iterator[Parameter]:
     """Yield every parameter an effect may have on a vehicle, whatever tyre and sensors it gets."""
+    if degrades(effect):
+        yield from (p for p in effect.PARAMETERS if p.unit != OF_SIGNAL)
     for place in Layout.of(vehicle).names(place_of(effect)):
         for parameter in effect.PARAMETERS:
             yield parameter_at(parameter, place)

@@ -1,0 +1,66 @@
+"""Readings of degraded sensors: what the degradations of a plant make of the measurements of simulated runs.
+
+The random numbers of a run follow from its noise alone: they are the same however runs are grouped and whatever else
+degrades its sensors, and with other values of a parameter.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.common.arrays import Floats
+from harness.engine.standard_normal import seed_words, standard_normal
+from harness.models.assembly.degradation import parameter_of
+from harness.models.assembly.model import StateSpaceModel
+from harness.models.assembly.placement import load_effect
+from harness.models.contracts import Readings
+from harness.runner.contract import Held
+
+
+def degrade(model: StateSpaceModel, measurements: Floats, held: Held, noise: Floats, step: float) -> None:
+    """Change measurements of simulated runs in place to what degraded sensors read.
+
+    Args:
+        model: The plant, ``degradations`` of which act.
+        measurements: ``(..., samples, ny, LANES)``, with their noise.
+        held: What the plant holds.
+        noise: Standard normal numbers of the runs, those of the outputs last ``(..., samples, n, LANES)``.
+        step: Sample time in s.
+    """
+    if not model.degradations:
+        return
+    keys = np.ascontiguousarray(noise[..., 0, -1, :]).reshape(-1, 1).view(np.uint64)
+    for name, output in model.degradations:
+        row = list(model.outputs).index(output)
+        deviation = np.sqrt(held.measurement_noise[..., row, None, :])
+        white = deviation * noise[..., row - len(model.outputs), :]
+        parameter, numbers = _parameters(model, name, output, held.values), _numbers(name, output, keys, white.shape)
+        readings = Readings(measurements[..., row, :], white, deviation, step, parameter, numbers)
+        measurements[..., row, :] = load_effect(name).degrade(readings)
+
+
+def _parameters(model: StateSpaceModel, name: str, output: str, values: Floats) -> Callable[[str], Floats]:
+    """Return what gives a parameter of a degradation in each run ``(..., 1, LANES)`` by the name in its file."""
+    rows = {
+        p.name: model.parameter_names.index(parameter_of(p, name, output).name) for p in load_effect(name).PARAMETERS
+    }
+
+    def parameter(stem: str) -> Floats:
+        numbers: Floats = values[..., rows[stem], None, :]
+        return numbers
+
+    return parameter
+
+
+def _numbers(name: str, output: str, keys: NDArray[np.uint64], shape: tuple[int, ...]) -> Callable[[str, bool], Floats]:
+    """Return what draws standard normal numbers of a shape ``(..., samples, LANES)``, from a key for each run."""
+
+    def numbers(stream: str, shared: bool) -> Floats:
+        words = seed_words(zlib.crc32(f"{name} {'' if shared else output} {stream}".encode()), keys)
+        return standard_normal(words, shape[-2], 1).reshape(shape)
+
+    return numbers
