@@ -14,7 +14,7 @@ import typer
 
 from harness.cli.main import app
 from harness.common import components, locations
-from harness.models.roles import EFFECTS
+from harness.models.roles import DEGRADATIONS, EFFECTS
 
 ROOT = Path(__file__).parents[1]
 TOPS = ("harness", "models", "reproductions", "tests", "bench", "docs", "studies")
@@ -211,4 +211,5 @@ def test_what_exists_is_passed_over():
 def test_the_table_of_effects_lists_each_of_them_once():
     page = (ROOT / "docs/effects.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| [^|`]+ \| (`.*`) \|$", page, re.MULTILINE)
-    assert sorted(name for row in rows for name in SPAN.findall(row)) == sorted(EFFECTS.names())
+    listed = sorted(name for row in rows for name in SPAN.findall(row))
+    assert listed == sorted([*EFFECTS.names(), *DEGRADATIONS.names()])

@@ -152,7 +152,7 @@ def _details(console: Console, role: str, name: str) -> None:
         _table(console, f"options of {name}", ("option", "default", "allowed", "meaning"), rows)
     elif role == "parameters":
         _parameter_set(console, name, module.VEHICLE, module.VALUES)
-    elif role in ("vehicles", "tyres", "effects"):
+    elif role in ("vehicles", "tyres", "effects", "degradations"):
         rows = [(p.name, *_allowed(p), p.meaning) for p in module.PARAMETERS]
         _table(console, f"parameters of {name}", ("parameter", "allowed", "unit", "meaning"), rows)
         if role == "vehicles":

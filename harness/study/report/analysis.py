@@ -79,6 +79,10 @@ class FilterConsistency:
         return "cautious" if self.ratio < self.lower else "consistent"
 
 
+_LEVELS = 14
+"""Levels side by side whose numbers can be read."""
+
+
 class Findings:
     """All numbers of one design."""
 
@@ -274,6 +278,15 @@ class Analysis:
     def main(self) -> Findings:
         """The first design of the study, which the answer in words is about."""
         return self.findings[0]
+
+    @property
+    def one_factor_each(self) -> list[Findings]:
+        """Designs that a single figure shows: those of the levels of one factor each, if there are several."""
+        chosen = [f for f in self.levelled if len(f.design.factors) == 1 and not f.design.sampled]
+        factors = {f.design.factors[0].name for f in chosen}
+        levels = sum(len(f.design.bands) for f in chosen)
+        fits = chosen[:1] == self.levelled[:1] and len(chosen) == len(factors) > 1 and levels <= _LEVELS
+        return chosen if fits else []
 
     @property
     def levelled(self) -> list[Findings]:

@@ -14,7 +14,7 @@ from harness.study.report.analysis import Analysis, Findings
 from harness.study.report.opening import at, sentences
 from harness.study.report.overall import standings
 from harness.study.report.ranking import limits_of, tolerances
-from harness.study.report.sections import boxes, inputs, paired, sensitivity, shares, tolerance
+from harness.study.report.sections import boxes, inputs, overview, paired, sensitivity, shares, tolerance
 from harness.study.report.sections.history import inside
 from harness.study.results import Design
 from harness.study.run_file import LOST
@@ -42,7 +42,7 @@ def blocks(analysis: Analysis, opening: Sequence[Block] = ()) -> list[Block]:
         items += [f"{strong('Stated uncertainty.')} {plain(at_worst)}"] if at_worst else []
     if further or counts:
         opening_sentences.append(Bullets([plain(text) for text in (*further, *counts)]))
-    figures = boxes.pictures(analysis, findings, opening=True)
+    figures = overview.pictures(analysis) or boxes.pictures(analysis, findings, opening=True)
     return [
         *opening_sentences,
         *opening,

@@ -37,10 +37,10 @@ FEW = 20
 
 
 def blocks(analysis: Analysis) -> list[Block]:
-    """Return the tables of the first design, whose figure is in the answer, and figures and tables of the others."""
+    """Return figures and tables of all designs, but for the figure of the first where the answer has it."""
     content: list[Block] = []
     for number, findings in enumerate(analysis.levelled):
-        if number:
+        if number or analysis.one_factor_each:
             content += [Heading(heading(findings.design)), Prose(plain(_explain(findings.design)))]
             content += pictures(analysis, findings)
         content += [table(findings, target) for target in range(len(findings.design.targets))]

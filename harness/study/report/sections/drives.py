@@ -76,7 +76,7 @@ def _picture(findings: Findings, panels: list[tuple[int, int]], height: float) -
         rows = fig.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
         for axes, (target, band) in zip(rows, panels, strict=True):
             values = medians(findings, target)
-            _map(axes, values[band].T, _scale(values))
+            heat_map(axes, values[band].T, colours_of(values))
             axes.set_title(_title(findings, target, band), loc="left")
             axes.set_yticks(range(len(design.drives)), [words(d) for d in design.drives])
             axes.tick_params(length=0)
@@ -87,7 +87,7 @@ def _picture(findings: Findings, panels: list[tuple[int, int]], height: float) -
     runs = design.planned // len(design.drives)
     caption = (
         f"Median RMSE of {name} per drive and estimator over {runs} runs less those lost, where plant and estimators "
-        "differ least and most; darker is worse, – means no run was ok."
+        "differ least and most; darker is worse, – means no run was ok, ∞ that most runs diverged."
     )
     return Picture(svg, caption, f"Median RMSE of {name} per drive, level and estimator")
 
@@ -100,21 +100,21 @@ def _title(findings: Findings, target: int, band: int) -> str:
     return textwrap.fill(f"{quantity.words}{style.in_unit(quantity.unit)}, {design.bands[band]}{believed}", _TITLE)
 
 
-def _scale(values: NDArray[np.float64]) -> Normalize:
+def colours_of(values: NDArray[np.float64]) -> Normalize:
     """Return the colours of a target, the same in all its panels."""
     positive = values[np.isfinite(values) & (values > 0)]
     low, high = (positive.min(), positive.max()) if positive.size else (0.1, 1.0)
     return LogNorm(low, high * 1.001) if high > 5 * low else Normalize(0.0, high)
 
 
-def _map(axes: Axes, values: NDArray[np.float64], norm: Normalize) -> None:
-    """Draw drives by estimators as coloured cells with their numbers."""
-    shown = np.ma.masked_invalid(values)
+def heat_map(axes: Axes, values: NDArray[np.float64], norm: Normalize) -> None:
+    """Draw rows by columns as coloured cells with their numbers."""
+    shown = np.ma.masked_invalid(np.where(np.isposinf(values), norm.vmax or 1.0, values))
     edges_x, edges_y = np.arange(values.shape[1] + 1) - 0.5, np.arange(values.shape[0] + 1) - 0.5
     colours = mpl.colormaps["Blues"]
     depth: Any = norm(shown)  # 0 to 1, masked where there is no run
     axes.pcolormesh(edges_x, edges_y, shown, cmap=colours, norm=norm, edgecolors="white", lw=0.8)
-    axes.invert_yaxis()
+    axes.set_ylim(values.shape[0] - 0.5, -0.5)
     digits = 3 if values.shape[1] <= UPRIGHT else 2
     for (row, column), value in np.ndenumerate(values):
         dark = bool(np.ma.filled(depth, 0.0)[row, column] > 0.6)
