@@ -18,14 +18,12 @@ from harness.common import components, registry
 from harness.common.errors import ModelError
 from harness.models.assembly.algebraic_loops import solve_loops
 from harness.models.assembly.contexts import EffectContext, TyreContext
-from harness.models.assembly.degradation import with_degradations
+from harness.models.assembly.degradation import apart, with_degradations
 from harness.models.assembly.expressions import any_of, present
 from harness.models.assembly.model import Body, StateSpaceModel, symbol
 from harness.models.assembly.placement import (
     Layout,
     Site,
-    degrades,
-    load_effect,
     parameter_at,
     place_of,
     ports_of,
@@ -442,14 +440,10 @@ def assemble(
     """
     vehicle_file = VEHICLES.load(vehicle) if isinstance(vehicle, str) else vehicle
     tyre_file = TYRES.load(tyre) if isinstance(tyre, str) else tyre
-    if not isinstance(effects, Mapping):
-        effects = {name: load_effect(name) for name in effects}
     sensor_file = SENSORS.load(sensors) if isinstance(sensors, str) else sensors
     if sensor_file is not None:
         SIGNALS.learn(sensor_file)
-    degradations = {name: file for name, file in effects.items() if degrades(file)}
-    acting = {name: file for name, file in effects.items() if name not in degradations}
+    acting, degradations = apart(effects)
     builder = Builder(vehicle_file, tyre_file, acting, optional)
     vehicle_file.equations(builder)
-    model = builder.finish({} if sensor_file is None else sensor_file.OUTPUTS)
-    return with_degradations(model, degradations) if degradations else model
+    return with_degradations(builder.finish({} if sensor_file is None else sensor_file.OUTPUTS), degradations)

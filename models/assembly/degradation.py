@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import ModuleType
 
 from harness.common.errors import ModelError, UserError
 from harness.common.registry import closest
 from harness.models.assembly.model import StateSpaceModel
-from harness.models.assembly.placement import OF_SIGNAL, parameter_at, split
+from harness.models.assembly.placement import OF_SIGNAL, degrades, load_effect, parameter_at, split
 from harness.models.contracts import Parameter
+
+
+def apart(
+    effects: Sequence[str] | Mapping[str, ModuleType],
+) -> tuple[dict[str, ModuleType], dict[str, ModuleType]]:
+    """Return effects that are equations, and degradations of sensors, each in their order, with their files."""
+    effects = effects if isinstance(effects, Mapping) else {name: load_effect(name) for name in effects}
+    degradations = {name: file for name, file in effects.items() if degrades(file)}
+    return {name: file for name, file in effects.items() if name not in degradations}, degradations
 
 
 def with_degradations(model: StateSpaceModel, degradations: Mapping[str, ModuleType]) -> StateSpaceModel:
@@ -24,6 +33,8 @@ def with_degradations(model: StateSpaceModel, degradations: Mapping[str, ModuleT
     Raises:
         ModelError: If an output is not measured, or two degradations of one file share a parameter.
     """
+    if not degradations:
+        return model
     declared = {p.name: p for p in model.parameters}
     acting = []
     for name, file in degradations.items():
