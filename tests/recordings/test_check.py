@@ -111,6 +111,34 @@ def test_drifting_positions_of_a_vehicle_at_rest_say_nothing_of_the_unit_of_its_
     assert (fit.verdict, fit.reasons[0][:9]) == (NOT_JUDGED, "too slow:")
 
 
+@pytest.mark.parametrize(("arm", "delay"), [(1.5, 0.0), (-1.2, 0.0), (0.0, 0.06), (-2.5, 0.0)])
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("varies", [0.0, 4.0])
+def test_a_delay_is_told_from_a_lever_arm_where_the_speed_varies_only(arm, delay, seed, varies):
+    rng, time = np.random.default_rng(seed), np.arange(0, 60, 0.01)
+    speed, rate = 20 + varies * np.sin(0.15 * time), 0.15 * np.sin(0.7 * time) + 0.1 * np.sin(1.9 * time + 1)
+    pull = np.interp(time - delay, time, speed * rate + arm * np.gradient(rate, time))
+    signals = {
+        "longitudinal_velocity": speed,
+        "yaw_rate": rate,
+        "lateral_velocity": 0 * time,
+        "lateral_acceleration": pull,
+    }
+    noise = {"yaw_rate": 0.004, "lateral_acceleration": 0.1, "longitudinal_velocity": 0.02, "lateral_velocity": 0.005}
+    table = pd.DataFrame({"time": time, **{n: v + rng.normal(0, noise[n], len(v)) for n, v in signals.items()}})
+    examined = examine(recording_of(tables_of(table, mapped=False), "drive"))
+    late = [f for f in examined.findings if "late" in f.words or "delay" in f.words]
+    (fit,) = (f for f in examined.fits if f.relation.formula == "dv_y/dt + v_x r")
+    assert bool(late) == (delay > 0 and varies > 0)
+    if varies:
+        assert fit.arm == pytest.approx(arm, abs=0.2)
+        assert np.isnan(fit.delay) or fit.delay == pytest.approx(delay, abs=0.01)
+    else:
+        assert np.isnan(fit.delay)
+        assert "lever arm" in fit.calm
+        assert fit.arm == pytest.approx(arm - 20 * delay, abs=0.2)
+
+
 def test_what_cannot_be_judged_is_said_with_its_reason():
     calm = {"speed": 20 + 0.01 * np.sin(TIME), "yaw_rate": 1e-3 * np.sin(TIME), "heading": 1e-3 - 1e-3 * np.cos(TIME)}
     rng = np.random.default_rng(8)

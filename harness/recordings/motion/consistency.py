@@ -224,8 +224,8 @@ def compare(relation: Relation, smoothed: SmoothedSignals) -> Agreement:
     sharp = [f for f, _ in informed if f.explained >= RELATED and np.isfinite(f.delay)]
     if best.scaled and sharp:  # noise turns no delay, only blurs it: a short window knows it best
         late = min(sharp, key=lambda f: f.delay_std)
-        best = replace(best, delay=late.delay, delay_std=late.delay_std, window=late.window,
-                       signal_share=late.signal_share)  # fmt: skip
+        best = replace(best, delay=late.delay, delay_std=late.delay_std, window=late.window, arm=late.arm,
+                       arm_std=late.arm_std, signal_share=late.signal_share, calm="")  # fmt: skip
         if smoothed.may_drift(relation):
             best = replace(best, drift=late.drift, drift_std=late.drift_std)
     return _judged(best)
@@ -341,7 +341,7 @@ def _judged(fit: Agreement) -> Agreement:
         reasons["scale"] = size
     if relation.exact:
         reasons |= _shifts(fit)
-        if not np.isfinite(fit.delay) and "relation" not in reasons:
+        if not np.isfinite(fit.delay) and "relation" not in reasons and not fit.calm:
             fit = replace(fit, calm=f"too calm to tell a delay: {_manoeuvre(relation)}")
     verdict = DISAGREES if reasons else AGREES
     return replace(fit, verdict=verdict, reasons=tuple(reasons.values()), off=frozenset(reasons))

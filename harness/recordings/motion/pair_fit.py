@@ -23,6 +23,8 @@ _INFORMED = 4.0
 """Standard deviations by which the rates of both sides must be correlated more than two noises are by chance."""
 _DETERMINED = 2.0
 """Standard errors that a slope must have to be one."""
+_APART = 0.01
+"""Share of what a delay does to a signal that no lever arm does, from which the two can be told apart."""
 _THIRDS = 3
 """Parts of a recording in each of which a drift must show."""
 
@@ -103,6 +105,7 @@ def fit_pair(fit: Agreement, arm: Floats | None, window: float) -> Agreement | N
     """Estimate slope, offset, arm, delay and drift of one smoothed pair; None if too little of both sides is known.
 
     The delay starts from the peak of the cross-correlation and is refined together with the other parameters.
+    Where a lever arm acts like a delay, as at a steady speed, there is none.
     """
     step, measured = fit.step, fit.measured
     every = max(int(SPACING / step), 1)
@@ -136,6 +139,14 @@ def fit_pair(fit: Agreement, arm: Floats | None, window: float) -> Agreement | N
     lags = int(max(MEMORY, window) / (every * step))
     aligned &= pair.determines_delay(lags) and abs(delay) < 0.9 * LONGEST_DELAY
     fitted = replace(_estimates(fit, pair, lags, arm is not None), window=window)
+    if arm is not None:
+        table = np.stack([fit.computed[take], *columns, computed_rate[take], rate, measured[take]], 1)
+        rows &= np.isfinite(table).all(axis=1)
+        complete = table[rows]
+        at_once = _Pair(complete[:, :-3], complete[:, -3], complete[:, -2], complete[:, -1], take[rows])
+        if at_once.apart(lags) < _APART:
+            fitted = replace(_estimates(fit, at_once, lags, with_arm=True), window=window)
+            return replace(fitted, calm="too steady in speed to tell a delay from the lever arm")
     if not aligned:
         return fitted
     drift, drift_std = pair.drift(lags)
@@ -160,6 +171,7 @@ class _Pair:
         self, base: Floats, computed_rate: Floats, measured_rate: Floats, target: Floats, rows: Floats
     ) -> None:
         self.base, self.target = base, target
+        self._rates, self._rows = (computed_rate, measured_rate), rows
         both = np.column_stack([target, computed_rate])
         values = np.linalg.lstsq(base, both, rcond=None)[0]
         self.residual, self.rate = np.ascontiguousarray((both - base @ values).T)
@@ -182,6 +194,13 @@ class _Pair:
         rate, other = self.rate[rows], self.measured_rate[rows]
         size = float(np.linalg.norm(rate) * np.linalg.norm(other))
         return size > 0 and float(rate @ other) / size > least / np.sqrt(max(len(rate) / max(lags, 1), 1.0))
+
+    def apart(self, lags: int) -> float:
+        """Return the share of what a delay adds that the last column of the base does not; 1 where there is nothing."""
+        alone = _Pair(self.base[:, :-1], *self._rates, self.target, self._rows)
+        if not alone.determines_delay(lags):
+            return 1.0
+        return float(self.rate @ self.measured_rate) / float(alone.rate @ alone.measured_rate)
 
     def delay_std(self, lags: int, rows: Mask | slice = slice(None)) -> float:
         """Return the standard error of the delay, in s."""
