@@ -42,7 +42,7 @@ has no equations: it changes the readings of a simulated drive (``Readings``), a
 
 An effect whose parameters belong to a body, an axle, a tyre or a measured output exports ``PLACE``
 (``models/assembly/placement.py``); one whose state is a random process exports ``NOISE``, its variance per second by
-state.
+state. One that happens in a drive and stays may also have happened before it, and exports ``STAYS = True``.
 """
 
 from __future__ import annotations

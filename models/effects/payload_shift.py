@@ -23,6 +23,7 @@ SLIDING = 1.0
 
 CONSTANTS: dict[str, str] = {"SLIDING": "s"}
 
+STAYS = True
 PORT = "cog_shift{body}"
 PLACE = "body"
 READS: tuple[str, ...] = ()

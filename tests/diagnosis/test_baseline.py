@@ -9,7 +9,13 @@ from harness.common.errors import UserError
 from harness.config import resolve_single
 from harness.diagnosis.fitting import Fitting, KeptFits, block_sums
 from harness.diagnosis.model.augmented_model import HeldParameters
-from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, coordinates, random_processes
+from harness.diagnosis.model.hypotheses import (
+    ALL_PARAMETERS,
+    Hypothesis,
+    coordinates,
+    hypotheses,
+    random_processes,
+)
 from harness.diagnosis.result.changes import _instead, since
 from harness.diagnosis.result.outcome import outcome_of, with_effects
 from harness.diagnosis.run import TraceTask, run_trace
@@ -56,6 +62,17 @@ def test_a_change_is_the_difference_with_an_interval_that_holds_it(augmented, ba
         assert "unmodelled_force" in spec.effects
         assert set(spec.model().states) == set(spec.process_noise)
         assert spec.process_noise["unmodelled_force_walk"] > 0
+
+
+def test_what_happens_in_a_drive_and_stays_may_have_happened_before_it(augmented, baseline):
+    """A load that has slid lies elsewhere from the first sample on; the moments of a gust are none of a change."""
+    now, at_all = (hypotheses(each, FREE) for each in (baseline.augmented, augmented))
+    assert {h.name for h in at_all if h.change_times} >= {"payload_shift", "friction_change", "crosswind"}
+    assert not any(h.change_times for h in now)
+    assert {h.name for h in now} & {"payload_shift", "friction_change", "crosswind"} == {"payload_shift"}
+    row = augmented.row("payload_shift_time")
+    assert augmented.stated()[row] == 1e5
+    assert baseline.augmented.stated()[row] == 0.0
 
 
 def test_rivals_of_a_change_are_named_in_words():

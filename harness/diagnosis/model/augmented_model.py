@@ -129,6 +129,9 @@ class AugmentedModel(FilteredModel):
     def restated(self, spec: ModelSpec, values: Floats, held: HeldParameters) -> AugmentedModel:
         """Return the same model, compiled already, as other drives of the vehicle showed it.
 
+        What happens in a drive and stays, and did not in those, is there from the first sample on as soon as its size
+        is: it happened in between.
+
         Args:
             spec: The nominal model with its values and noise there.
             values: All parameters ``(np,)``, with the effects that were there.
@@ -136,6 +139,9 @@ class AugmentedModel(FilteredModel):
         """
         other = copy.copy(self)
         other.spec, other._restated, other.held = spec, values.copy(), held
+        for name in (n for n in self.placements if stays(n) and n not in spec.effects):
+            for p in (parameter_at(p, split(name)[1] or "") for p in load_effect(name).PARAMETERS if p.per_drive):
+                other._restated[self.row(p.name)] = p.lower
         return other
 
     def joint_prior(self, coordinates: Sequence[Coordinate]) -> Floats | None:
@@ -407,6 +413,11 @@ def addable_effects(spec: ModelSpec, available: set[str], excluded: frozenset[st
         if needed <= available:
             effects.append(name)
     return tuple(effects)
+
+
+def stays(name: str) -> bool:
+    """Whether an effect happens in a drive and stays, so that it may have happened before one as well."""
+    return bool(getattr(load_effect(name), "STAYS", False))
 
 
 def _is_random(name: str) -> bool:

@@ -8,7 +8,7 @@ from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from harness.diagnosis.model.augmented_model import AugmentedModel
+from harness.diagnosis.model.augmented_model import AugmentedModel, stays
 from harness.identification.coordinates import Coordinate, intensity_coordinate, parameter_coordinate
 from harness.models.assembly.placement import (
     load_effect,
@@ -142,12 +142,14 @@ def hypotheses(augmented: AugmentedModel, free: Sequence[str]) -> tuple[Hypothes
     drifts = [h for h in processes if h.of_recording]
     if len(drifts) > 1:
         tried.append(replace(_together(SENSOR_DRIFTS, drifts), parts=tuple(drifts), random=True))
-    return tuple(_changed(h) for h in tried if not h.change_times) if augmented.held.names else tuple(tried)
+    if not augmented.held.names:
+        return tuple(tried)
+    return tuple(_changed(h) for h in tried if not h.change_times or stays(h.name))
 
 
 def _changed(h: Hypothesis) -> Hypothesis:
-    """Return a hypothesis as one of what changed since earlier drives; what happens in a drive is none."""
-    return replace(h, changed=True, parts=tuple(map(_changed, h.parts)))
+    """Return a hypothesis as one of what changed since earlier drives; what happens in a drive happened before."""
+    return replace(h, changed=True, change_times=(), parts=tuple(map(_changed, h.parts)))
 
 
 def random_processes(augmented: AugmentedModel) -> tuple[Hypothesis, ...]:
