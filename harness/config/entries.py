@@ -250,6 +250,16 @@ def score_after(raw: StudyFile, problems: Problems) -> float:
     return 0.0
 
 
+def probability_within(raw: StudyFile, problems: Problems) -> float:
+    """Return the half-width of the interval of a probability for which the report counts points."""
+    key, width = "report.probability_within", 0.01
+    with problems.catch(key):
+        width = to_si(raw.report.probability_within, "", problems.at(key))
+        if not 0.0 < width < 1.0:
+            problems.add(key, f"give a share between 0 and 1, such as '1 %', not {raw.report.probability_within!r}")
+    return width
+
+
 def over_time(
     raw: StudyFile, designs: list[DesignSpec], drives: list[DriveSpec], problems: Problems
 ) -> OverTimeSpec | None:

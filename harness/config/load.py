@@ -19,6 +19,7 @@ from harness.config.entries import (
     limits,
     named_files,
     over_time,
+    probability_within,
     refuse_twice,
     score_after,
     whole_paths,
@@ -172,6 +173,7 @@ def _resolve(raw: StudyFile, text: str, path: Path) -> StudySpec:
         histories = [_history(raw, key, designs, drives, belief, problems) for key in raw.histories]
     tolerable = limits(raw, problems)
     settled = score_after(raw, problems)
+    within = probability_within(raw, problems)
     along = over_time(raw, designs, drives, problems)
     problems.stop()
     assert plant is not None
@@ -195,6 +197,7 @@ def _resolve(raw: StudyFile, text: str, path: Path) -> StudySpec:
         over_time=along,
         score_after=settled,
         bound=raw.report.bound,
+        probability_within=within,
         count_from=CountFrom(**raw.count_from.model_dump()),
     )
     object.__setattr__(study, "hash", _hash(study))  # the record is complete only now

@@ -177,6 +177,10 @@ class ReportTable(StrictTable):
     sensitivity_over_time: OverTimeTable | None = Field(
         default=None, description="sensitivity indices along a drive; the errors per window are kept in the store"
     )
+    probability_within: Quantity = Field(
+        default=0.01,
+        description="half-width of the interval of a probability that the report says the points needed for (1 %)",
+    )
     bound: StrictBool = Field(
         default=False, description="the smallest error that anyone could reach with these sensors, in the box plots"
     )

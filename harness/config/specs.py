@@ -358,6 +358,7 @@ class StudySpec:
         over_time: The drive for sensitivity over time; ``None`` if it was not asked for.
         score_after: s at the beginning of every drive that no score counts.
         bound: Whether the report shows the posterior Cramer-Rao bound; it decides no score.
+        probability_within: Half-width of the interval of a probability for which the report counts points.
         count_from: Where the counts begin that random numbers depend on.
         hash: SHA-256 of what the study computes: independent of comments, layout, title and labels; changes
             with every resolved number, with the drives' options and with the content of recorded files.
@@ -384,6 +385,7 @@ class StudySpec:
     score_after: float = 0.0
     count_from: CountFrom = CountFrom()
     bound: bool = False
+    probability_within: float = 0.01
     device: Device = "cpu"
 
     def design(self, name: str) -> DesignSpec:

@@ -276,5 +276,10 @@ def words(study: StudySpec) -> dict[str, Any]:
         "self_contained_study": self_contained(study),
         "title": study.title,
         "limits": json.dumps(study.limits),
+        **(
+            {"probability_within": study.probability_within}
+            if study.probability_within != StudySpec.probability_within
+            else {}
+        ),
         **({"groups": json.dumps(groups)} if (groups := {d.name: d.groups for d in study.designs if d.groups}) else {}),
     }

@@ -107,6 +107,18 @@ def test_what_is_no_dependence_is_refused_in_a_line(study_of, further):
     assert "\n" not in str(refused.value)
 
 
+def test_the_width_of_a_probability_is_a_share(study_of, tmp_path):
+    study_of()
+    text = (tmp_path / "population.toml").read_text()
+    for width, refused in (('"0.5 %"', None), ('"2 m"', "probability_within"), ("0", "give a share between 0 and 1")):
+        (tmp_path / "wide.toml").write_text(f"{text}\n[report]\nprobability_within = {width}\n")
+        if refused is None:
+            assert load_study(tmp_path / "wide.toml").probability_within == 0.005
+            continue
+        with pytest.raises(UserError, match=refused):
+            load_study(tmp_path / "wide.toml")
+
+
 def test_other_samplings_refuse_what_is_of_a_population(study_of):
     with pytest.raises(UserError, match=r"correlation: Sobol indices .* need independent factors; take 'population'"):
         study_of(f"correlation = [{PAIR}]", sampling="saltelli")

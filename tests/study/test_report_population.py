@@ -9,7 +9,7 @@ import pytest
 import zarr
 
 from harness.study.report import analyse, write_report
-from harness.study.report.sections import shares
+from harness.study.report.sections import exceedance, shares
 from support import synthetic
 from support.joint_study import population_of, population_scores
 
@@ -51,10 +51,27 @@ def test_words_give_the_shares_with_intervals(analysis):
     assert "8 independent scramblings" in told
 
 
+def test_how_often_the_limit_is_exceeded_is_that_of_the_normal_error(analysis):
+    population = analysis.findings[0].population
+    assert population.limits == {1: pytest.approx(2.0)}
+    # the error is normal about 1.5 deg with 0.2 * sqrt(3): beyond 2 deg with 7.4 %; the largest is twice as large
+    assert np.mean(population.rmse[1, 0] > 2.0) == pytest.approx(0.0745, abs=0.01)
+    assert np.mean(population.largest[1, 0] > 2.0) == pytest.approx(0.9255, abs=0.01)
+    np.testing.assert_allclose(population.largest[1], 2.0 * population.rmse[1])
+
+
+def test_words_give_the_probability_and_the_points_it_takes(analysis):
+    told = words(exceedance.blocks(analysis))
+    assert "the RMSE of the articulation angle exceeds 2.00° with a probability of 7." in told
+    assert "interval of ±1.0 % takes" in told or "suffice for an interval of ±1.0 %" in told
+    assert "8 independent scramblings, each on 2 drives" in told
+
+
 def test_the_report_has_the_section_and_the_answer(folder):
     write_report(analyse(folder))
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert "What makes the error vary?" in page
     assert "over the population of" in page
+    assert "How often is a limit exceeded?" in page
     assert "First-order Sobol indices of the RMSE" in page
     assert "could not be made" not in page

@@ -1,4 +1,4 @@
-"""The numbers of a population: shares of its factors in the error, each computed once."""
+"""The numbers of a population, each computed once: errors of its vehicles, and shares of its factors in them."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 
 from harness.common.arrays import Floats
+from harness.config import StudySpec
 from harness.models.quantities import words
 from harness.study.given_data import Shares, shares
-from harness.study.report.ranking import Ranking
+from harness.study.report.ranking import Ranking, limits_of
 from harness.study.results import Design
-from harness.study.score_names import NORMAL_SCORE
+from harness.study.score_names import ESTIMATOR_DIVERGED, NORMAL_SCORE
 
 
 class Population:
@@ -27,7 +28,7 @@ class Population:
     """
 
     def __init__(self, design: Design, seed: int, attributes: Mapping[str, Any]) -> None:
-        self.design, self._ranking = design, Ranking(design, seed)
+        self.design, self._ranking, self._attributes = design, Ranking(design, seed), attributes
         stored = attributes.get("groups") or {}
         self._stated: dict[str, list[list[Any]]] = json.loads(stored) if isinstance(stored, str) else stored
 
@@ -49,6 +50,33 @@ class Population:
         stated = {words(g): [names.index(n) for n in members] for g, members in self._stated.get(self.design.name, [])}
         taken = {i for members in stated.values() for i in members}
         return {**stated, **{f.words: [i] for i, f in enumerate(self.design.factors) if i not in taken}}
+
+    @property
+    def within(self) -> float:
+        """Half-width of the interval of a probability for which points are counted."""
+        return float(self._attributes.get("probability_within", StudySpec.probability_within))
+
+    @cached_property
+    def limits(self) -> dict[int, float]:
+        """Largest tolerable error by the number of the target, in report units."""
+        limits = limits_of(dict(self._attributes))
+        return {t: limits[q.name] * q.scale for t, q in enumerate(self.design.targets) if q.name in limits}
+
+    @cached_property
+    def rmse(self) -> Floats:
+        """RMSE of each vehicle on its worst drive, ``(target, estimator, scrambling, point)``; infinite if diverged."""
+        return self._worst(self.design.errors_under_control)
+
+    @cached_property
+    def largest(self) -> Floats:
+        """Largest error of each vehicle at any time, shape as ``rmse``."""
+        values = self.design.per_target("max_error")
+        values[:, self.design.status == ESTIMATOR_DIVERGED] = np.inf
+        return self._worst(values)
+
+    def _worst(self, values: Floats) -> Floats:
+        worst = np.fmax.reduce(values[:, 0], axis=(2, 4), initial=0.0)  # over drives and repeats
+        return worst.reshape(*worst.shape[:2], self.scramblings, -1)
 
     @cached_property
     def shares(self) -> list[list[Shares | None]]:

@@ -14,7 +14,7 @@ from harness.study.report.analysis import Analysis, Findings
 from harness.study.report.opening import at, sentences
 from harness.study.report.overall import standings
 from harness.study.report.ranking import limits_of, tolerances
-from harness.study.report.sections import boxes, inputs, overview, paired, sensitivity, shares, tolerance
+from harness.study.report.sections import boxes, exceedance, inputs, overview, paired, sensitivity, shares, tolerance
 from harness.study.report.sections.history import inside
 from harness.study.results import Design
 from harness.study.run_file import LOST
@@ -91,6 +91,7 @@ def _of_the_box(analysis: Analysis) -> list[Block]:
     boxes = [f for f in analysis.findings if f.design.sampling == "saltelli" and not f.design.count(PENDING)]
     items = [("What drives the error?", " ".join(sensitivity.in_short(f.ranking))) for f in boxes]
     whole = [f for f in analysis.findings if f.design.sampling == "population" and not f.design.count(PENDING)]
+    items += [("How often is a limit exceeded?", " ".join(exceedance.in_short(f.population))) for f in whole]
     items += [("What makes the error vary?", " ".join(shares.in_short(f.population))) for f in whole]
     limits = limits_of(analysis.store.attributes)
     for nested in (d for d in analysis.store.designs if d.sampling == "tolerance" and not d.count(PENDING)):
