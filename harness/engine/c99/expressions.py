@@ -46,6 +46,7 @@ class Printed:
         leaves: Places of the numbers and arrays in its arguments, flattened, that it takes.
         written: Those of them that it writes.
         acts: Whether it does anything but return a number.
+        static: What it returns, where that is known when it is printed.
     """
 
     name: str
@@ -53,6 +54,7 @@ class Printed:
     leaves: tuple[int, ...]
     written: tuple[int, ...]
     acts: bool
+    static: bool | int | float | None = None
 
 
 class Program(Protocol):

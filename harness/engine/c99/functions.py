@@ -118,7 +118,7 @@ class Function(Expressions):
         self.statements: list[Statement] = []
         self.result: Value = None
         self.kind: v.Kind | None = None
-        self._returned = False
+        self.returned: set[bool | int | float | None] = set()
 
     def print(self) -> Value:
         """Print the statements; return what the function returns, if they stand where it is called."""
@@ -127,7 +127,7 @@ class Function(Expressions):
             self._c.taken, self._c.types = set(taken), dict(types)
             self.statements, self._depth = [], 0
             self._variables_in_c: dict[str, str] = {}
-            self.kind, self.result, self._returned, self._sure = None, None, False, True
+            self.kind, self.result, self.returned, self._sure = None, None, set(), True
             parameters = [a.arg for a in self._syntax.args.args]
             if len(parameters) != len(self._arguments):
                 raise NotPrintable(f"it is called with {len(self._arguments)} arguments in place of {len(parameters)}")
@@ -335,6 +335,7 @@ class Function(Expressions):
             if self.kind is not None and self.kind != value.kind:
                 value = v.as_real(value)
             self.kind = value.kind
+            self.returned.add(value.static)
             self._add(f"return {value.text}", value.reads)
         raise Unreachable
 
@@ -380,6 +381,8 @@ class Function(Expressions):
                 texts.append(leaf.text)
             reads |= leaf.reads
         text = f"{printed.name}({', '.join(texts)})"
+        if not printed.acts and printed.static is not None:
+            return v.number(printed.static)
         if not printed.acts:
             return None if printed.kind is None else Scalar(printed.kind, text, v.ATOM, None, reads)
         if not self._sure:
@@ -387,9 +390,11 @@ class Function(Expressions):
         if printed.kind is None:
             self._add(text, reads)
             return None
-        return self._variable(
-            f"of_{function.__name__.lstrip('_')}", Scalar(printed.kind, text, v.ATOM, None, reads), acts=True
-        )
+        if printed.static is not None:
+            self._add(f"(void) {text}", reads)
+            return v.number(printed.static)
+        returned = Scalar(printed.kind, text, v.ATOM, None, reads)
+        return self._variable(f"of_{function.__name__.lstrip('_')}", returned, acts=True)
 
     def _put_here(self, function: FunctionType, arguments: Sequence[Value]) -> Value:
         if not self._sure:

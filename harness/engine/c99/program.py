@@ -138,7 +138,8 @@ class Program:
         ]
         if acts or body.kind:
             self.texts[name] = "\n".join(lines)
-        return Printed(name, body.kind, tuple(taken), tuple(written), acts)
+        static = body.returned.pop() if len(body.returned) == 1 else None
+        return Printed(name, body.kind, tuple(taken), tuple(written), acts, static)
 
     def _name(self, wanted: str) -> str:
         name, number = wanted, 1

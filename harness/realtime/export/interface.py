@@ -73,7 +73,8 @@ def _quantities(described: Iterable[tuple[str, str]], values: Sequence[float] = 
     taken: set[str] = set()
     quantities = []
     for place, (name, says) in enumerate(described):
-        field = identifier(name)
+        field = re.sub(r"\W+", "_", name, flags=re.ASCII)
+        field = f"n_{field}" if field[:1].isdigit() else field
         while field in taken or field in RESERVED:
             field += "_"
         taken.add(field)
@@ -81,7 +82,12 @@ def _quantities(described: Iterable[tuple[str, str]], values: Sequence[float] = 
     return tuple(quantities)
 
 
+TAKEN = RESERVED | {"cells", "estimator", "given", "line", "main", "number", "results", "step", "steps"}
+"""Names that what comes with an estimator has itself."""
+
+
 def identifier(name: str) -> str:
-    """Return a name as a C identifier."""
-    word = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_").lower() or "estimator"
-    return f"n_{word}" if word[0].isdigit() else word
+    """Return a name as a C identifier, for an estimator."""
+    word = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_").lower()
+    word = f"n_{word}" if word[:1].isdigit() else word
+    return f"{word}_filter".strip("_") if word in TAKEN or not word else word

@@ -137,7 +137,8 @@ def export(
     say("printing the kernels")
     library = library_of(spec.name, made)
     unit, cases = Unit(0, 0, 0, 0, 1), [Case(0, 0)]
-    samples = min(round(duration / study.belief.step) + 1, len(compiled.drives[0].profile.time))
+    there = len(compiled.drives[0].profile.time)
+    samples = int(min(duration / study.belief.step + 1.5, there))
     say(f"recording {samples} samples of drive '{driven.name}'")
     batch, held = evaluator.simulate(unit, cases, samples), evaluator.held(unit, cases, "belief")
     inputs, believed = evaluator.inputs(0, 0, batch, held), evaluator.believed_by(0, unit, cases, held)
@@ -159,7 +160,7 @@ def export(
     settings = ", ".join(f"{key} = {value}" for key, value in spec.settings.items())
     export = Export(
         whole,
-        f"Estimator '{spec.name}' ({spec.kind}) of study '{study.name}'",
+        " ".join(f"Estimator '{spec.name}' ({spec.kind}) of study '{study.name}'".split()).replace("*/", "* /"),
         library,
         interface_of(compiled.belief, believed.values[:, 0].tolist()),
         precision,

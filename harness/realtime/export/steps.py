@@ -144,7 +144,7 @@ def points(region: Region, first: int, count: int, seed: int = 0) -> Points:
 def in_python(estimator: CompiledEstimator, given: Points) -> tuple[Steps, Floats]:
     """Return the steps of the kernel that studies run, and the measurements ``(points, SAMPLES, ny)``.
 
-    Each measurement lies about that of the estimate before.
+    Each measurement lies about that of the estimate before. Points are whole batches.
     """
     compiled = estimator.compiled
     nx, ny, count = compiled.nx, compiled.ny, len(given.mean)

@@ -1,0 +1,39 @@
+"""The figures of exported estimators: small forms of their tables."""
+
+import pytest
+
+from bench import export
+from support.observers import needs_compiler
+
+
+def row(out):
+    """Return the cells behind the names of the only row of a table."""
+    lines = [line.split() for line in out.splitlines() if line.strip()]
+    assert lines[-1][:2] == ["steering", "ekf"]
+    return lines[-1][2:]
+
+
+@needs_compiler
+@pytest.mark.proof
+@pytest.mark.parametrize("more", [[], ["--sanitize"]])
+def test_steps_of_c_and_kernel_are_compared(more, capsys):
+    export.main(["--study", "steering", "--estimator", "ekf", "--steps", "800", *more])
+    cells = row(capsys.readouterr().out)
+    lines, memory, code, stack, first, all_of_eight, above, time = (float(c.replace(",", "")) for c in cells)
+    assert 500 < lines < 2000
+    assert 4000 < memory < 8000
+    assert 5000 < code < 50000
+    assert 500 < stack < 5000
+    assert 0 < first <= all_of_eight < 1e-12
+    assert above == 0.0
+    assert 10 < time < 1e6
+
+
+@needs_compiler
+@pytest.mark.proof
+def test_single_precision_is_compared_over_a_drive(capsys):
+    export.main(["--study", "steering", "--estimator", "ekf", "--single", "--duration", "10 s"])
+    memory, most, at, left = row(capsys.readouterr().out)
+    assert float(memory.replace(",", "")) < 4000
+    assert 0 < float(most) < 0.1
+    assert (at, left) == ("nan", "no")
