@@ -106,6 +106,37 @@ def test_j1939_is_read_from_every_address_and_no_value_is_missing(log):
     np.testing.assert_array_equal(read["EEC1@00.Mode"][1][:4], [0, 1, np.nan, np.nan])
 
 
+def test_messages_of_several_frames_are_put_together(tmp_path):
+    dbc = """VERSION ""
+BU_: E
+BO_ 2566848000 VehicleWeight: 20 E
+ SG_ Mass : 128|16@1+ (10,0) [0|0] "kg" E
+ SG_ Low : 0|8@1+ (1,0) [0|0] "kg" E
+BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN","StandardCAN_FD","J1939PG";
+BA_ "VFrameFormat" BO_ 2566848000 3;
+"""
+    (tmp_path / "t.dbc").write_text(dbc, encoding="utf-8")
+    lines = ["(0.5) can0 18FEEE00#0102030405060708"]
+    for k in range(6):
+        body = [bytes([10 + k, *range(1, 16), *(100 * k + a).to_bytes(2, "little"), 0, 0, 255]) for a in (0, 1)]
+        pieces = [[f"{n + 1:02X}" + b[7 * n : 7 * n + 7].hex() for n in range(3)] for b in body]
+        sent = [(f"1CECFF{a:02X}", "20140003FFFEFE00") for a in (0, 1)]
+        sent += [(f"1CEBFF{a:02X}", pieces[a][n]) for n in range(3) for a in (0, 1)]  # of two senders in turn
+        if k == 2:
+            del sent[4]  # a frame of the first sender is lost
+        lines += [f"({k + 1}.{n:02}) can0 {name}#{data}" for n, (name, data) in enumerate(sent)]
+    (tmp_path / "a.log").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    read = signals(tmp_path / "a.log", tmp_path / "t.dbc")
+    stamps, mass = read["VehicleWeight@00.Mass"]
+    assert mass.tolist() == [1000.0 * k for k in (0, 1, 3, 4, 5)]
+    np.testing.assert_allclose(stamps, [1.06, 2.06, 4.06, 5.06, 6.06])
+    assert read["VehicleWeight@01.Mass"][1].tolist() == [1000.0 * k + 10 for k in range(6)]
+    assert read["VehicleWeight@01.Low"][1].tolist() == [10.0 + k for k in range(6)]
+    notes = readers.read_tables(tmp_path / "a.log", None, [str(tmp_path / "t.dbc")])[0].notes
+    assert "11 of 15 frames" in notes[0]
+    assert "0x18FEEE00" in notes[0]
+
+
 def test_states_of_a_value_table_stay_numbers(log):
     read = signals(log[2]["blf"], log[1])
     np.testing.assert_array_equal(read["1.Motion.Gear"][1], 5 + np.arange(40) % 3)

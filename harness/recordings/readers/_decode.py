@@ -16,6 +16,7 @@ from harness.common.files import refuse_beyond
 from harness.recordings.readers._database import Database, Message, load_databases
 from harness.recordings.readers._frames import Frames, identifiers_in_words, in_hex, named_database
 from harness.recordings.readers._table import MOST_BYTES, MOST_COLUMNS, Table, Wanted
+from harness.recordings.readers._transport import put_together
 
 _VALID_J1939 = 0xFA
 """Largest upper byte of a value of eight bits or more; beyond it stand indicators, errors and "not available"."""
@@ -84,6 +85,7 @@ def decoded(path: str, frames: Frames, databases: Sequence[str], wanted: Wanted 
                 f"{path}: has no bus '{database.bus}', for which {database.file} is named; there are "
                 f"{', '.join(frames.buses)}"
             )
+    frames = put_together(frames, {group for database in loaded for group in database.by_group})
     streams = _streams(frames, loaded)
     coverage = _coverage(frames, streams, loaded)
     if not streams:

@@ -42,7 +42,7 @@ class Frames:
     identifier: NDArray[np.uint32]
     bus: NDArray[np.int16]
     buses: tuple[str, ...]
-    length: NDArray[np.uint8]
+    length: NDArray[np.uint8] | NDArray[np.uint16]
     start: NDArray[np.int64]
     payload: NDArray[np.uint8]
 
