@@ -4,7 +4,6 @@ import tracemalloc
 import zlib
 from pathlib import Path
 
-import can
 import cantools
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ from harness.common.errors import UserError
 from harness.recordings import load_recording, readers
 from harness.recordings.check.run import check_recording
 from harness.recordings.proposal.propose import propose
-from harness.recordings.readers import _text_frames, asc, mdf, trc
+from harness.recordings.readers import mdf
 from harness.recordings.readers._decode import Octets, raw_values
 from harness.recordings.readers._frames import Frames
 from support import bus_logs
@@ -224,26 +223,6 @@ def test_candump_has_remote_and_error_frames_and_a_last_line_that_is_cut(log, tm
         readers.read_tables(path, None, [str(log[1])])
 
 
-def test_a_damaged_line_is_named_and_one_that_was_cut_is_left_out(log, tmp_path):
-    for form, old in (("asc", " 257 "), ("log", "101#FF"), ("trc", "0101 Rx -  8    FF")):
-        text = log[2][form].read_text(encoding="utf-8").replace("  101   ", " 257   ")
-        row = next(i for i, line in enumerate(text.split("\n")) if old in line)
-        path = tmp_path / f"a.{form}"
-        path.write_text(text.replace(old, old.replace("FF", "FG").replace("257", "2z7"), 1), encoding="utf-8")
-        with pytest.raises(UserError, match=rf"line {row + 1} is no frame"):
-            readers.read_tables(path, None, [str(log[1])])
-
-
-@pytest.mark.parametrize("form", ["asc", "trc"])
-def test_a_last_line_that_was_cut_is_left_out(log, tmp_path, form):
-    path = tmp_path / f"a.{form}"
-    text = log[2][form].read_text(encoding="utf-8").replace("End TriggerBlock\n", "")
-    read = {"asc": asc, "trc": trc}[form].frames
-    for cut, lost in ((0, 0), (1, 0), (2, 1), (32, 1)):
-        path.write_text(text[: len(text) - cut], encoding="utf-8")
-        assert len(read(str(path)).time) == 360 - lost
-
-
 def test_stamps_relative_to_the_line_before_are_added_up(log, tmp_path):
     lines = log[2]["asc"].read_text(encoding="utf-8").replace("absolute", "relative").split("\n")
     lines[10:10] = [" 0.004000 CAN 1 Status:chip status error active"]
@@ -259,68 +238,6 @@ def test_stamps_relative_to_the_line_before_are_added_up(log, tmp_path):
     for name, (stamps, values) in absolute.items():
         np.testing.assert_array_equal(relative[name][0], stamps, err_msg=name)
         np.testing.assert_array_equal(relative[name][1], values, err_msg=name)
-
-
-ODD = {
-    "asc": "// a comment\n\n{t}000 2  Statistic: D 10 R 0 XD 0 XR 0 E 0 O 0 B 1.5%\n"
-    "{t}001 1  102             Tx   d 4 aB cd 0E f0  Length = 231910 BitCount = 118 ID = 258\n"
-    "{t}002 1  102             Rx   r\n{t}003 1  ErrorFrame\n{t}004\t2 100 TxRq d 0\n"
-    "{t}005 CANFD   2 Rx 104 Wide 1 0 9 12 01 02 03 04 05 06 07 08 09 0a 0b 0c 0 0\n"
-    "{t}006 CANFD   2 Tx ErrorFrame 0 0 0 0\n{t}007 1  J1939TP FEE3p 6 0 0 - Rx d 12 01 02\n"
-    "{t}008 1  7FF  Rx d 8 01 02 03 04 05 06 07 08  77 88\n",
-    "trc": "; a comment\n\n 7 {t}.125 ST  1      - Rx -  5    00 00 00 08 00\n 8 {t}.25 RR 1 0100 Rx - 8\n"
-    "123456 {t}.5 FB 2 18FF1234 Tx - 9  01 02 03 04 05 06 07 08 09 0a 0b 0c\n9 {t}.75 DT 1 0102 Rx - 0\n",
-}
-
-
-@pytest.mark.parametrize("shapes", [64, 0])
-@pytest.mark.parametrize("form", ["asc", "trc"])
-def test_text_logs_are_what_python_can_reads(log, tmp_path, monkeypatch, form, shapes):
-    monkeypatch.setattr(_text_frames, "_SHAPES", shapes)
-    path = tmp_path / f"a.{form}"
-    text = log[2][form].read_text(encoding="utf-8").replace("End TriggerBlock\n", "")
-    path.write_text(text + "".join(ODD[form].replace("{t}", f"{7 + i}.") for i in range(3)).replace("..", "."), "utf-8")
-    same_frames(path)
-
-
-@pytest.mark.parametrize("version", ["1.0", "1.1", "1.3"])
-def test_older_versions_of_trc_are_read(tmp_path, version):
-    path = tmp_path / "a.trc"
-    head = f";$FILEVERSION={version}\n;$STARTTIME=44087.51851\n;  a note\n" if version != "1.0" else "; PCAN\n"
-    middle = {"1.0": "", "1.1": "  Rx  ", "1.3": " 2 Rx  "}[version]
-    minus = " - " if version == "1.3" else ""
-    lines = [
-        f"{i:6}) {i * 10.5:9.1f} {middle} {0x100 + i:04X} {minus} 8 01 02 03 04 05 06 07 {i:02X}" for i in range(120)
-    ]
-    lines += [f" 121) 1300.0 {middle} 18FF0102 {minus} 2 aB 09", f" 122) 1301.0 {middle} 0101 {minus} 3 RTR"]
-    lines += [
-        " 123) 1302.0  FFFFFFFF 4 00 00 00 08" if version == "1.0" else " 123) 1302.0 1 Error 0008 - 4 00 00 00 08"
-    ]
-    path.write_text(head + "\n".join(lines) + "\n", encoding="utf-8")
-    same_frames(path)
-
-
-def test_decimal_asc_logs_are_read(tmp_path):
-    path = tmp_path / "a.asc"
-    lines = [f"{i / 7:.6f} 1  {i}x Rx d 3 {i} 255 0 Length = 12" for i in range(200)]
-    path.write_text(
-        "base dec timestamps absolute\ninternal events logged\n" + "\n".join(lines) + "\n", encoding="utf-8"
-    )
-    same_frames(path)
-
-
-def same_frames(path):
-    """Check the frames of a file against those of python-can."""
-    frames = (asc if path.suffix == ".asc" else trc).frames(str(path))
-    with (can.ASCReader if path.suffix == ".asc" else can.TRCReader)(path) as reader:
-        messages = [m for m in reader if not (m.is_error_frame or m.is_remote_frame)]
-    assert len(frames.time) == len(messages) > 100
-    assert frames.time.tolist() == [m.timestamp for m in messages]
-    assert frames.identifier.tolist() == [m.arbitration_id | m.is_extended_id << 31 for m in messages]
-    names = [str(m.channel + (path.suffix == ".asc")) for m in messages]
-    assert [frames.buses[i] for i in frames.bus] == names
-    data = [frames.payload[s : s + n].tobytes() for s, n in zip(frames.start, frames.length, strict=True)]
-    assert data == [bytes(m.data) for m in messages]
 
 
 @pytest.mark.parametrize("kind", ["kcd", "sym", "arxml"])
