@@ -1,11 +1,12 @@
 """Text logs of a bus: the frames are those that python-can reads, line by line."""
 
 import can
+import numpy as np
 import pytest
 
 from harness.common.errors import UserError
 from harness.recordings import readers
-from harness.recordings.readers import _text_frames, asc, trc
+from harness.recordings.readers import _text_frames, asc, candump, trc
 from support import bus_logs
 
 
@@ -98,3 +99,20 @@ def same_frames(path):
     assert [frames.buses[i] for i in frames.bus] == names
     data = [frames.payload[s : s + n].tobytes() for s, n in zip(frames.start, frames.length, strict=True)]
     assert data == [bytes(m.data) for m in messages]
+
+
+def test_what_candump_prints_is_read_as_its_log(log, tmp_path):
+    lines = [" (1.5)  can0  100   [8]  remote request"]
+    for line in log[2]["log"].read_text(encoding="utf-8").splitlines():
+        stamp, bus, frame, *_ = line.split()
+        name, _, data = frame.partition("#")
+        data = bytes.fromhex(data[2:] if data.startswith("#") else data)
+        lines.append(f" {stamp}  {bus}  {name}   [{len(data):02}]  {data.hex(' ').upper()}   '........'")
+    path = tmp_path / "a.log"
+    path.write_text("\n".join([*lines, " (1.5)  can0  100   [8]  00 0"]), encoding="utf-8")
+    printed, logged = candump.frames(str(path)), candump.frames(str(log[2]["log"]))
+    for name in ("time", "identifier", "bus", "length", "payload"):
+        np.testing.assert_array_equal(getattr(printed, name), getattr(logged, name), err_msg=name)
+    path.write_text("\n".join([*lines, " (1.5)  can0  100   [8]  00 0", ""]), encoding="utf-8")
+    with pytest.raises(ValueError, match=f"line {len(lines) + 1} is no frame"):
+        candump.frames(str(path))

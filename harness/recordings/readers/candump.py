@@ -1,4 +1,4 @@
-"""Logs of candump, of the SocketCAN utilities: ``(1436509052.249713) can0 123#2A366C2B``."""
+"""Logs of candump, of the SocketCAN utilities: ``(1436509052.249713) can0 123#2A366C2B``, and what it prints."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from harness.common.files import refuse_damaged
 from harness.recordings.readers._decode import decoded
+from harness.recordings.readers._frames import Frames
 from harness.recordings.readers._table import Table, Wanted
 from harness.recordings.readers._text_frames import HEX, Grammar, text_frames
 
@@ -18,10 +19,16 @@ _GRAMMAR = Grammar(
             rb"\((?P<time>\d+\.\d+)\) +(?P<bus>\S+) +(?P<x>(?=%b{8}#))?(?P<id>%b{3}|%b{8})#(?:#%b)?"
             rb"(?P<data>(?:%b%b){0,64})(?: +[RT])?\s*$" % ((HEX,) * 6)
         ),
+        re.compile(
+            rb"\s*\((?P<time>\d+\.\d+)\)\s+(?P<bus>\S+)\s+(?:[RT]X [-B] [-E]\s+)?(?P<x>(?=%b{8}\s))?"
+            rb"(?P<id>%b{3}|%b{8})\s+\[(?P<length>\d+)\](?!\S)(?P<data>(?:\s+%b%b(?!\S)){0,64})" % ((HEX,) * 5)
+        ),
     ),
-    other=re.compile(rb"\s*$|\(\d+\.\d+\) +\S+ +(?:%b{3}|%b{8})#R\d?(?: +[RT])?\s*$" % (HEX, HEX)),
+    other=re.compile(
+        rb"\s*$|\(\d+\.\d+\) +\S+ +(?:%b{3}|%b{8})#R\d?(?: +[RT])?\s*$|.*\]\s+remote request\s*$" % (HEX, HEX)
+    ),
 )
-"""CAN FD has flags behind a second ``#``; ``R`` asks for a frame."""
+"""As ``-l`` and ``-L`` write it (CAN FD has flags behind a second `#`, `R` asks for a frame), and as on a screen."""
 
 
 def read(path: str, wanted: Wanted | None = None, databases: Sequence[str] = ()) -> list[Table]:
@@ -31,5 +38,15 @@ def read(path: str, wanted: Wanted | None = None, databases: Sequence[str] = ())
         UserError: If the file is damaged, a database cannot be read, or none fits.
     """
     with refuse_damaged(path, "candump log"):
-        frames = text_frames(path, "candump log", _GRAMMAR)
-    return decoded(path, frames, databases, wanted)
+        read_frames = frames(path)
+    return decoded(path, read_frames, databases, wanted)
+
+
+def frames(path: str) -> Frames:
+    """Return the data frames of a log.
+
+    Raises:
+        UserError: If there is none, or more than any recording holds.
+        ValueError: If a line is damaged.
+    """
+    return text_frames(path, "candump log", _GRAMMAR)
