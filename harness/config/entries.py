@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -15,7 +15,7 @@ from harness.common.units import refuse_misread, to_si
 from harness.config.problems import Problems, validated
 from harness.config.roles import ESTIMATORS
 from harness.config.schema import DrivesFile, DriveTable, EstimatorTable, OpenTable, StudyFile
-from harness.config.specs import DesignSpec, DriveSpec, EstimatorSpec, OverTimeSpec
+from harness.config.specs import DesignSpec, DriveSpec, EstimatorSpec, OverTimeSpec, RareEventSpec
 from harness.external.references import located
 from harness.models.drive_options import options_of
 from harness.models.signals import SIGNALS
@@ -258,6 +258,34 @@ def probability_within(raw: StudyFile, problems: Problems) -> float:
         if not 0.0 < width < 1.0:
             problems.add(key, f"give a share between 0 and 1, such as '1 %', not {raw.report.probability_within!r}")
     return width
+
+
+def rare_event(
+    raw: StudyFile, tolerable: dict[str, float], estimators: Sequence[EstimatorSpec], problems: Problems
+) -> RareEventSpec | None:
+    """Return the event that subset simulation is asked for, or ``None`` if none is or it is wrong."""
+    table, key, before = raw.report.rare_event, "report.rare_event", len(problems)
+    if table is None:
+        return None
+    names = [e.name for e in estimators]
+    chosen = table.estimator or next(iter(names), "")
+    suited = [d.name for d in raw.design if d.sampling == "population"]
+    for entry, name, choices, what in (
+        ("design", table.design, suited, "design with sampling = 'population'"),
+        ("target", table.target, raw.targets, "target of the study"),
+        ("estimator", chosen, names, "estimator of the study"),
+    ):
+        if name not in choices:
+            problems.add(f"{key}.{entry}", f"'{name}' is no {what}{registry.closest(name, choices)}")
+    limit = tolerable.get(table.target, 0.0)
+    if table.limit is not None:
+        with problems.catch(f"{key}.limit"):
+            unit = SIGNALS[table.target].unit if table.target in SIGNALS else ""
+            limit = to_si(table.limit, unit, problems.at(f"{key}.limit"))
+    if len(problems) == before and not limit > 0:
+        problems.add(f"{key}.limit", f"give a positive limit, as 'limits' has none of {table.target}")
+    spec = RareEventSpec(table.design, table.target, limit, chosen, table.samples)
+    return spec if len(problems) == before else None
 
 
 def over_time(

@@ -20,6 +20,7 @@ from harness.config.entries import (
     named_files,
     over_time,
     probability_within,
+    rare_event,
     refuse_twice,
     score_after,
     whole_paths,
@@ -174,6 +175,7 @@ def _resolve(raw: StudyFile, text: str, path: Path) -> StudySpec:
     tolerable = limits(raw, problems)
     settled = score_after(raw, problems)
     within = probability_within(raw, problems)
+    rare = rare_event(raw, tolerable, estimators, problems)
     along = over_time(raw, designs, drives, problems)
     problems.stop()
     assert plant is not None
@@ -198,6 +200,7 @@ def _resolve(raw: StudyFile, text: str, path: Path) -> StudySpec:
         score_after=settled,
         bound=raw.report.bound,
         probability_within=within,
+        rare_event=rare,
         count_from=CountFrom(**raw.count_from.model_dump()),
     )
     object.__setattr__(study, "hash", _hash(study))  # the record is complete only now

@@ -171,11 +171,26 @@ class OverTimeTable(StrictTable):
     window: Quantity = Field(default="1 s", description="length of the windows in which the error is taken")
 
 
+class RareEventTable(StrictTable):
+    """``rare_event`` of ``[report]``."""
+
+    design: Name = Field(description="name of a design with sampling = 'population'")
+    target: Name = Field(description="whose largest error on the worst drive exceeds the limit")
+    limit: Quantity | None = Field(default=None, description="the limit (default: that of `limits`)")
+    estimator: Name | None = Field(default=None, description="name of the estimator (default: the first)")
+    samples: Annotated[StrictInt, Field(ge=100, multiple_of=10)] = Field(
+        default=1000, description="points of each level of subset simulation"
+    )
+
+
 class ReportTable(StrictTable):
     """``[report]``: what the report shows beyond what every report shows."""
 
     sensitivity_over_time: OverTimeTable | None = Field(
         default=None, description="sensitivity indices along a drive; the errors per window are kept in the store"
+    )
+    rare_event: RareEventTable | None = Field(
+        default=None, description="an event too rare for the points of a population, by subset simulation after the run"
     )
     probability_within: Quantity = Field(
         default=0.01,

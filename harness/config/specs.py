@@ -321,6 +321,25 @@ class OverTimeSpec:
 
 
 @dataclass(frozen=True)
+class RareEventSpec:
+    """An event whose probability is estimated by subset simulation; it decides no score.
+
+    Attributes:
+        design: Name of the design, sampled by ``population``.
+        target: Whose largest error is compared.
+        limit: With what, SI.
+        estimator: Name of the estimator.
+        samples: Points of a level.
+    """
+
+    design: str
+    target: str
+    limit: float
+    estimator: str
+    samples: int
+
+
+@dataclass(frozen=True)
 class CountFrom:
     """Where the counts begin that the random numbers of a run depend on.
 
@@ -359,6 +378,7 @@ class StudySpec:
         score_after: s at the beginning of every drive that no score counts.
         bound: Whether the report shows the posterior Cramer-Rao bound; it decides no score.
         probability_within: Half-width of the interval of a probability for which the report counts points.
+        rare_event: What subset simulation estimates after the run; ``None`` if it was not asked for.
         count_from: Where the counts begin that random numbers depend on.
         hash: SHA-256 of what the study computes: independent of comments, layout, title and labels; changes
             with every resolved number, with the drives' options and with the content of recorded files.
@@ -386,6 +406,7 @@ class StudySpec:
     count_from: CountFrom = CountFrom()
     bound: bool = False
     probability_within: float = 0.01
+    rare_event: RareEventSpec | None = None
     device: Device = "cpu"
 
     def design(self, name: str) -> DesignSpec:

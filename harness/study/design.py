@@ -243,6 +243,14 @@ def _joint(
     return scores, np.where(dependent, ndtr(scores), unit)
 
 
+def values_of(design: DesignSpec, normal: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the values of the factors of a population at independent standard normal numbers, ``(sample, factor)``."""
+    from scipy.special import ndtr
+
+    _, unit = _joint(ndtr(normal), np.array(design.correlation or np.eye(len(design.factors))))
+    return np.stack([_scaled(factor, 0, unit[:, i]) for i, factor in enumerate(design.factors)], axis=-1)
+
+
 def _nominal_and_edges(
     lower: NDArray[np.float64], upper: NDArray[np.float64], nominal: NDArray[np.float64]
 ) -> NDArray[np.float64]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import time
 from collections.abc import Mapping
 from dataclasses import replace
@@ -76,6 +77,17 @@ class StudyEvaluator:
         self.windows = ErrorWindows(study, self.compiled)
         self._noisy = NoisyInputs(study.belief) if study.belief.input_noise else None
         self._points: dict[int, NDArray[np.float64]] = {}
+
+    def at(self, design: int, values: Floats) -> StudyEvaluator:
+        """Return the same evaluator with other points of a design, which share the noise of its first.
+
+        Args:
+            design: Index of the design.
+            values: Of its factors, ``(band, sample, factor)``.
+        """
+        other = copy.copy(self)
+        other._points, other.noise = {**self._points, design: values}, self.noise.in_common(design)
+        return other
 
     def warm_up(self, index: int) -> str:
         """Compile one kernel (0 is the simulation, then the estimators) and return its name; ``range(kernels)``."""

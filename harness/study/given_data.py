@@ -12,7 +12,7 @@ explain.
 scrambling it is made from all others, and its share is ``2 Cov(Y, g) - Var(g)``, whose error is of second order in that
 of the regression ``g`` (Williamson et al. 2023, doi 10.1080/01621459.2021.2003200). That error is added, as large as
 the process itself expects, scaled so that it is right for the whole regression. Intervals are those of Student's t over
-the scramblings.
+the scramblings, widened by what was added as an independent error.
 """
 
 from __future__ import annotations
@@ -82,8 +82,11 @@ def shares(
     whole = np.mean(np.square(variances.off), axis=1)
 
     def share(part: Floats) -> Interval:
-        value = float(part.mean() / whole.mean())
-        return over_replicates(value, (part - value * whole) / whole.mean(), level)
+        estimates, added = part[:-1], float(part[-1] / whole.mean())
+        value = float(estimates.mean() / whole.mean())
+        narrow = over_replicates(value, (estimates - value * whole) / whole.mean(), level)
+        half = math.hypot(value - narrow.lower, added)
+        return Interval(value, value - half, value + half)
 
     def closed(players: Sequence[int]) -> Floats:
         return variances.closed(tuple(sorted(i for player in players for i in groups[player])))
@@ -129,7 +132,7 @@ class _Variances:
             Regression.of(kernel, np.concatenate(np.delete(trained, r, 0)), np.delete(values, r, 0).ravel())
             for r in range(count)
         ]
-        self._kept: dict[tuple[int, ...], Floats] = {(): np.zeros(count)}
+        self._kept: dict[tuple[int, ...], Floats] = {(): np.zeros(count + 1)}
         nothing = self._regressions[0]
         self._of_mean = nothing.uncertainty((), kernel.given((), scores[0, :1], nothing.points))
         self._scale = 0.0
@@ -139,10 +142,11 @@ class _Variances:
         self._scale = max(missed, 0.0) / (expected + noise) if expected + noise > 0 else 0.0
 
     def closed(self, subset: tuple[int, ...]) -> Floats:
-        """Return the variance of the expectation given some factors, ``(scrambling,)``."""
+        """Return the variance of the expectation given some factors, and last what was added, ``(scrambling + 1,)``."""
         if subset not in self._kept:
             raw, expected = self._raw(subset)
-            self._kept[subset] = raw + self._scale * max(expected - self._of_mean, 0.0)
+            added = self._scale * max(expected - self._of_mean, 0.0)
+            self._kept[subset] = np.append(raw + added, added)
         return self._kept[subset]
 
     def _raw(self, subset: tuple[int, ...]) -> tuple[Floats, float]:

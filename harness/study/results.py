@@ -18,7 +18,7 @@ from harness.common.errors import MissingFileError, UserError
 from harness.common.places import reached
 from harness.common.units import registry
 from harness.models.quantities import Quantity, capital, print_unit, quantity, words
-from harness.study import bound_file, run_file, sealed_root
+from harness.study import bound_file, rare_file, run_file, sealed_root
 from harness.study.checksums import HISTORY, described, is_verifiable
 from harness.study.score_names import ESTIMATOR_DIVERGED, LOST, LOST_CONTROL, OK, PENDING, PLANT_DIVERGED
 
@@ -159,7 +159,7 @@ class Design:
     @cached_property
     def errors_under_control(self) -> NDArray[np.float64]:
         """The same with the RMSE of the other runs, up to where the vehicle went out of control."""
-        values = self._in_report_units("rmse")
+        values = self.in_report_units("rmse")
         finished = self.status == OK
         given = (np.isfinite(values) & finished).any(axis=(1, 3, 4, 5)) | ~finished.any(axis=(0, 2, 3, 4))
         values[:, self.status == ESTIMATOR_DIVERGED] = np.inf
@@ -174,11 +174,12 @@ class Design:
 
     def per_target(self, name: str) -> NDArray[np.float64]:
         """Return a score of targets in report units, shape as ``rmse``; NaN unless the run is ok."""
-        values = self._in_report_units(name)
+        values = self.in_report_units(name)
         values[:, self.status != OK] = np.nan
         return values
 
-    def _in_report_units(self, name: str) -> NDArray[np.float64]:
+    def in_report_units(self, name: str) -> NDArray[np.float64]:
+        """Return a score of targets in report units, shape as ``rmse``, of every run."""
         values = self._read(name, ("target", *_RUN_DIMS)).astype(float, copy=False)
         values *= np.array([t.scale for t in self.targets]).reshape(-1, 1, 1, 1, 1, 1)
         return values
@@ -317,6 +318,7 @@ class StudyResults:
         run: What ``run.json`` says about the run, possibly nothing.
         bounds: Smallest RMSE that anyone could reach, SI, by design, target and band; empty where it was not asked for.
         smoothed: What a smoother that knows the vehicle reaches, as ``bounds``.
+        rare_event: What ``rare_event.json`` says, nothing where it was not asked for.
     """
 
     directory: Path
@@ -326,6 +328,7 @@ class StudyResults:
     run: dict[str, Any] = field(default_factory=dict)
     bounds: bound_file.Bounds = field(default_factory=dict)
     smoothed: bound_file.Bounds = field(default_factory=dict)
+    rare_event: dict[str, Any] = field(default_factory=dict)
 
     @property
     def is_verifiable(self) -> bool:
@@ -401,4 +404,6 @@ def _read(directory: Path) -> StudyResults:
     attributes["study"] = root.attrs.get("study", "")
     hashed = str(attributes.get("study_hash", ""))
     at_best = bound_file.read(directory, hashed), bound_file.read(directory, hashed, "smoothed")
-    return StudyResults(directory, attributes, designs, histories, run_file.read(directory), *at_best)
+    return StudyResults(
+        directory, attributes, designs, histories, run_file.read(directory), *at_best, rare_file.read(directory, hashed)
+    )

@@ -228,6 +228,11 @@ def _run(
 
         with console.status("computing the smallest errors possible"):
             bound.write(evaluator(), out)
+    if study.rare_event is not None:
+        from harness.study import rare_event
+
+        with console.status("subset simulation of the rare event"):
+            rare_event.write(evaluator(), out, workers)
 
 
 def _lost(evaluator: StudyEvaluator, console: Console) -> str:

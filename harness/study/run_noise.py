@@ -10,6 +10,7 @@ samples are independent.
 
 from __future__ import annotations
 
+import copy
 import threading
 import zlib
 from collections.abc import Sequence
@@ -50,6 +51,12 @@ class RunNoise:
     def __init__(self, study: StudySpec) -> None:
         self._seed, self._begin = study.seed, study.count_from
         self._common = [design.common_noise for design in study.designs]
+
+    def in_common(self, design: int) -> RunNoise:
+        """Return the same noise, but that all points of a design share the first one's."""
+        other = copy.copy(self)
+        other._common = [i == design or is_common for i, is_common in enumerate(self._common)]
+        return other
 
     def key(self, unit: Unit, case: Case) -> tuple[int, int, int]:
         """Return what a run's noise depends on: not the band, as levels share it, and in some designs not the point."""

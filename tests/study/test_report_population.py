@@ -67,6 +67,18 @@ def test_words_give_the_probability_and_the_points_it_takes(analysis):
     assert "8 independent scramblings, each on 2 drives" in told
 
 
+def test_a_rare_event_is_told_with_its_coefficient_of_variation(analysis):
+    event = {"design": "fleet", "target": "articulation_angle", "estimator": "EKF", "limit": np.deg2rad(6.0),
+             "probability": 1.2e-6, "variation": 0.3, "thresholds": [0.1] * 6, "evaluations": 5500}  # fmt: skip
+    analysis.store.rare_event = event
+    (text,) = exceedance.rare(analysis, analysis.findings[0].design)
+    analysis.store.rare_event = {}
+    assert "exceeds 6.00° with a probability of 1.2e-06" in text
+    assert "6 levels and 5500 vehicles" in text
+    assert "coefficient of variation 30" in text
+    assert exceedance.rare(analysis, analysis.findings[0].design) == []
+
+
 def test_the_report_has_the_section_and_the_answer(folder):
     write_report(analyse(folder))
     page = (folder / "report.html").read_text(encoding="utf-8")

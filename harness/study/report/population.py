@@ -70,7 +70,7 @@ class Population:
     @cached_property
     def largest(self) -> Floats:
         """Largest error of each vehicle at any time, shape as ``rmse``."""
-        values = self.design.per_target("max_error")
+        values = self.design.in_report_units("max_error")
         values[:, self.design.status == ESTIMATOR_DIVERGED] = np.inf
         return self._worst(values)
 

@@ -16,6 +16,7 @@ from harness.study.exceedance import QUANTILES, TAIL, Exceedance, exceedance, qu
 from harness.study.report.analysis import Analysis
 from harness.study.report.population import Population
 from harness.study.report.sections.tolerance import uncontrolled
+from harness.study.results import Design
 from harness.study.score_names import PENDING
 
 _DASHES = {"rmse": "-", "largest": (0, (4, 1.5))}
@@ -36,6 +37,7 @@ def blocks(analysis: Analysis) -> list[Block]:
         items = in_words(population)
         content += [Bullets(items)] if items else []
         content.append(Prose(plain(_rule(population))))
+        content += [Prose(plain(text)) for text in rare(analysis, findings.design)]
         for target in range(len(findings.design.targets)):
             if findings.design.giving(target):
                 content += [_picture(analysis, population, target), *_limit_table(population, target)]
@@ -55,6 +57,21 @@ def in_short(population: Population) -> list[str]:
                 f"{with_unit(limit, quantity.unit)} with a probability of {_share(broken.probability)}."
             )
     return sentences
+
+
+def rare(analysis: Analysis, design: Design) -> list[str]:
+    """Say how probable the rare event is that was asked for of a design; nothing where none was."""
+    event = analysis.store.rare_event
+    if event.get("design") != design.name:
+        return []
+    quantity = next(q for q in design.targets if q.name == event["target"])
+    limit = with_unit(event["limit"] * quantity.scale, quantity.unit)
+    effort = f"{len(event['thresholds'])} levels and {event['evaluations']} vehicles, which have the noise of the first"
+    return [
+        f"With {event['estimator']}, the largest error of the {quantity.words} on the worst drive exceeds {limit} with "
+        f"a probability of {event['probability']:.2g}, by subset simulation with {effort}; coefficient of variation "
+        f"{percent(event['variation'])}."
+    ]
 
 
 def in_words(population: Population) -> list[str]:
