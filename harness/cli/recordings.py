@@ -234,6 +234,8 @@ def identify(task: IdentifyOptions) -> None:
         interval = f"95 % interval {e.lower:.4g} to {e.upper:.4g}" if e.lower < e.upper else "no interval"
         sentences.append(f"{name}: {e.start:.4g} to {e.value:.4g}{unit}, {interval}; {e.verdict}")
     printed(fit.answer, [*sentences, *written])
+    if posterior := [path for path in written if path.name == "posterior.toml"]:
+        Console().print(Text(f"next: harness run {posterior[0]}"), style="bold", soft_wrap=True)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -106,6 +106,10 @@ class DesignTable(StrictTable):
     correlation: list[tuple[Name, Name, Number]] | None = Field(
         default=None, description='correlations of two factors each: `[["payload_mass", "payload_from_rear", 0.6]]`'
     )
+    posterior: Name | None = Field(
+        default=None,
+        description="population only: result folder of `harness identify`; what it leaves open of parameters is drawn",
+    )
     groups: dict[Name, Annotated[list[Name], Field(min_length=1)]] | None = Field(
         default=None, description='population only: factors that are ranked as one, `{ tyre = ["friction", ...] }`'
     )

@@ -11,6 +11,7 @@ from harness.config.dependence import resolve_correlation, resolve_groups
 from harness.config.derived import derived_parameters, derived_value, settled
 from harness.config.design_tables import DesignTable
 from harness.config.factors import Models, form, resolve_factor
+from harness.config.posterior import with_posterior
 from harness.config.problems import Problems
 from harness.config.specs import NOISE_SCALES, DesignSpec, FactorSpec, ModelSpec
 
@@ -33,12 +34,14 @@ def resolve_design(raw: DesignTable, key: str, models: Models, problems: Problem
         models: Plant and belief, resolved.
         problems: Where problems are noted.
     """
-    before = len(problems)
+    before, own = len(problems), len(raw.factor)
+    raw = with_posterior(raw, key, models.plant, models.folder, problems)
     _refuse_twice(raw, key, models, problems)
     factors: tuple[FactorSpec, ...] = ()
     for i, table in enumerate(raw.factor):
-        with problems.catch(f"{key}.factor[{i}]"):
-            factor = resolve_factor(table, f"{key}.factor[{i}]", models, problems)
+        place = f"{key}.factor[{i}]" if i < own else f"{key}.posterior ({table.parameter})"
+        with problems.catch(place):
+            factor = resolve_factor(table, place, models, problems)
             factors += () if factor is None else (factor,)
     if len(problems) == before:
         _refuse_following(raw, key, models, problems)

@@ -115,7 +115,8 @@ def distribution_reader(
     stated = table.distribution
     if isinstance(stated, str):
         stated = DistributionTable.model_validate({"kind": stated})
-    std = next((s[parameter.name] for m in (models.belief, models.plant) if parameter.name in (s := set_std(m))), None)
+    stds = (set_std(model, models.folder) for model in (models.belief, models.plant))
+    std = next((each[parameter.name] for each in stds if parameter.name in each), None)
 
     def read(raw: Any, place: str) -> float:
         return number(raw, table.unit, parameter.unit, place)

@@ -68,7 +68,8 @@ class Marginal:
             values, up_to = self._steps
             return np.asarray(values[np.minimum(np.searchsorted(up_to, share, side="right"), len(values) - 1)])
         inside = np.clip(share, SMALLEST, 1.0 - SMALLEST) if self.is_unbounded else share
-        return np.asarray(self._law.ppf(inside), dtype=np.float64)
+        values = np.asarray(self._law.ppf(inside), dtype=np.float64)
+        return np.clip(values, *self.arguments[2:]) if self.kind == "truncated_normal" else values  # rounding of an end
 
     def below(self, value: float) -> float:
         """Return the probability of a value up to this one."""

@@ -152,9 +152,12 @@ RELATIVE_STD = 0.1
 """Standard deviation of a value over the value, where its set does not state how well it is known."""
 
 
-def set_std(spec: ModelSpec) -> dict[str, float]:
-    """Return the standard deviations that the parameter set of a model states, SI units, by parameter."""
-    return load_set(spec.parameters, Path(), "parameters").std
+def set_std(spec: ModelSpec, folder: Path | None = None) -> dict[str, float]:
+    """Return the standard deviations that the parameter set of a model states, SI units, by parameter.
+
+    A parameter file is looked for beside the study, in ``folder``, then in the working directory.
+    """
+    return load_set(spec.parameters, folder or Path(), "parameters").std
 
 
 def stated_std(spec: ModelSpec) -> dict[str, float]:

@@ -7,8 +7,11 @@ from itertools import repeat
 from typing import Any
 
 from harness.common.files import parse_toml, toml_text
+from harness.config.design_tables import DesignTable
 from harness.config.external import external_table
 from harness.config.factors import Models, completed
+from harness.config.posterior import with_posterior
+from harness.config.problems import Problems
 from harness.config.schema import DriveTable, ModelTable, NoiseTable, StudyFile, TuningTable, UncertainTable
 from harness.config.specs import ModelSpec, StudySpec, assembled
 
@@ -26,7 +29,7 @@ def self_contained(study: StudySpec) -> str:
             table.model_copy(update={"factor": list(map(completed, table.factor, spec.factors, repeat(models)))})
             if table.factor
             else table
-            for table, spec in zip(raw.design, study.designs, strict=True)
+            for table, spec in zip(written_out(raw, study), study.designs, strict=True)
         ],
         "plant": _table(study.plant),
         "belief": _table(study.belief),
@@ -35,6 +38,14 @@ def self_contained(study: StudySpec) -> str:
         "tuning": TuningTable.model_validate({"rule": study.tuning, "estimator": tuned}) if tuned else None,
     }
     return toml_text(raw.model_copy(update=update).model_dump(exclude_unset=True, exclude_none=True))
+
+
+def written_out(raw: StudyFile, study: StudySpec) -> list[DesignTable]:
+    """Return the designs of a study with the factors that results of other commands stand for."""
+    problems = Problems(str(study.path))
+    tables = [with_posterior(t, "design", study.plant, study.path.parent, problems) for t in raw.design]
+    problems.stop()
+    return [table.model_copy(update={"posterior": None}) for table in tables]
 
 
 def without_files(study: StudySpec) -> StudySpec:

@@ -21,6 +21,7 @@ from harness.identification.contract import Estimate, Fit, Problem
 from harness.identification.data import DriveData
 from harness.identification.filtered_model import Candidates, Each, FilteredModel, FilterRun, for_each
 from harness.identification.free_run import blocks, found_start
+from harness.identification.posterior_study import STUDY, posterior_study
 from harness.identification.whiteness import Whiteness, whiteness
 from harness.models.assembly.model import StateSpaceModel
 from harness.models.quantities import listed, words
@@ -311,6 +312,9 @@ def write_outcome(folder: Path, fit: Fit, judged: list[Judged], source: str) -> 
         "parameters.toml": parameter_file(fit, source, failure(judged)),
         "identify.json": json.dumps(record(fit, judged), indent=2) + "\n",
     }
+    fitted = [j.drive for j in judged if not j.held_out]
+    if not failure(judged) and (text := posterior_study(fit, fitted)):
+        contents[STUDY] = text
     return write_files(folder, contents)
 
 

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from harness.cli.main import app
 from harness.common.errors import ModelError
-from harness.config import resolve_single
+from harness.config import load_study, resolve_single
 from harness.config.model_choice import complete
 from harness.config.parameter_set import set_from_file
 from harness.identification.contract import METHODS, load_method, settings_of
@@ -55,6 +55,10 @@ def test_a_fit_writes_a_set_that_loads_its_numbers_and_a_report(folder, tmp_path
     spec = resolve_single(table, "test")
     assert spec.values["stiffness_over_load_front"] == front["value"]
     assert spec.measurement_noise["yaw_rate"] == estimates["measurement_noise yaw_rate"]["value"]
+    assert done.stdout.rstrip().endswith(f"next: harness run {tmp_path / 'posterior.toml'}")
+    (factor,) = load_study(tmp_path / "posterior.toml").designs[0].factors
+    assert factor.parameter == "stiffness_over_load_front"
+    assert factor.marginal.arguments[:2] == (front["value"], front["standard_error"])
     assert (tmp_path / "report.pdf").stat().st_size > 10_000
     assert "second" in (tmp_path / "report.html").read_text()
 

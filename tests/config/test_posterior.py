@@ -1,0 +1,96 @@
+"""Vehicles drawn from what an identification leaves open."""
+
+import copy
+import json
+
+import numpy as np
+import pytest
+
+from harness.common.errors import UserError
+from harness.config import build_study, load_study
+from harness.study.design import points
+
+CONTENT = {
+    "name": "posterior",
+    "targets": ["lateral_velocity"],
+    "plant": {"vehicle": "car", "parameters": "govindarajan_2018", "tyre": "linear", "sensors": "car_series"},
+    "drive": [{"name": "sine", "kind": "sine", "duration": "5 s", "speed": "15 m/s", "amplitude": "20 deg"}],
+    "estimator": [{"name": "EKF", "kind": "ekf"}],
+    "design": [{"name": "open", "sampling": "population", "samples": 512, "posterior": "fit"}],
+}
+ESTIMATES = {"mass": (1600.0, 20.0), "yaw_inertia": (2400.0, 150.0), "measurement_noise yaw_rate": (1e-5, 1e-7)}
+
+
+@pytest.fixture
+def study(tmp_path, monkeypatch):
+    """Return what builds the study beside the result of a fit, either of them changed."""
+    monkeypatch.chdir(tmp_path)
+
+    def built(estimates=ESTIMATES, correlation=0.8, **design):
+        (tmp_path / "fit").mkdir(exist_ok=True)
+        table = np.eye(len(estimates))
+        table[0, 1] = table[1, 0] = correlation
+        rows = [{"name": n, "value": v, "standard_error": e} for n, (v, e) in estimates.items()]
+        content = {"estimates": rows, "correlation": table.tolist()}
+        (tmp_path / "fit/identify.json").write_text(json.dumps(content))
+        content = copy.deepcopy(CONTENT)
+        content["design"][0] |= design
+        return build_study(content, "posterior.toml")
+
+    return built
+
+
+def test_parameters_are_drawn_as_their_estimates_scatter(study):
+    built = study()
+    assert [f.parameter for f in built.designs[0].factors] == ["mass", "yaw_inertia"]  # noise keeps its estimate
+    drawn = points(built, built.designs[0]).values.reshape(-1, 2)
+    np.testing.assert_allclose(drawn.mean(axis=0), [1600.0, 2400.0], rtol=2e-4)
+    np.testing.assert_allclose(drawn.std(axis=0), [20.0, 150.0], rtol=0.01)
+    assert np.corrcoef(drawn.T)[0, 1] == pytest.approx(0.8, abs=0.01)
+
+
+def test_a_factor_of_its_own_stands_in_place_of_an_estimate(study):
+    factor = {"parameter": "yaw_inertia", "range": ["2000 kg m^2", "2200 kg m^2"]}
+    built = study(factor=[factor])
+    drawn = points(built, built.designs[0]).values.reshape(-1, 2)
+    assert [f.parameter for f in built.designs[0].factors] == ["yaw_inertia", "mass"]
+    assert 2000.0 <= drawn[:, 0].min() <= drawn[:, 0].max() <= 2200.0
+    assert abs(np.corrcoef(drawn.T)[0, 1]) < 0.05
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"sampling": "sobol"}, "sampling = 'population'"),
+        ({"posterior": "nowhere"}, "there is no identify.json in 'nowhere'"),
+        ({"estimates": {"mass": (1600.0, 20.0), "trailer_mass": (9.0, 1.0)}}, "no parameter 'trailer_mass'"),
+        ({"estimates": {"mass": (1600.0, None), "yaw_inertia": (1.0, 1.0)}}, "no error of 'mass'"),
+        ({"estimates": {"mass": (1600.0, 0.0), "yaw_inertia": (1.0, 1.0)}}, "no error of 'mass'"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused_in_words(study, change, said):
+    with pytest.raises(UserError, match=said):
+        study(**change)
+
+
+def test_parameters_of_sensors_that_the_plant_does_not_have_play_no_part(study):
+    built = study({**ESTIMATES, "sensor_bias_sideslip_angle": (0.0, 0.1)})
+    assert [f.parameter for f in built.designs[0].factors] == ["mass", "yaw_inertia"]
+
+
+def test_a_damaged_result_is_refused(study, tmp_path):
+    study()
+    (tmp_path / "fit/identify.json").write_text('{"estimates": [{"name": 1}]}')
+    with pytest.raises(UserError, match="no result of 'harness identify'"):
+        build_study(CONTENT, "posterior.toml")
+
+
+def test_a_store_needs_the_fit_no_more(study, tmp_path):
+    from harness.config.self_contained import self_contained
+
+    built = study()
+    text = self_contained(built)
+    (tmp_path / "fit/identify.json").unlink()
+    (tmp_path / "again.toml").write_text(text)
+    again = load_study(tmp_path / "again.toml")
+    assert again.designs[0].factors[0].marginal == built.designs[0].factors[0].marginal
