@@ -69,7 +69,9 @@ class Marginal:
             return np.asarray(values[np.minimum(np.searchsorted(up_to, share, side="right"), len(values) - 1)])
         inside = np.clip(share, SMALLEST, 1.0 - SMALLEST) if self.is_unbounded else share
         values = np.asarray(self._law.ppf(inside), dtype=np.float64)
-        return np.clip(values, *self.arguments[2:]) if self.kind == "truncated_normal" else values  # rounding of an end
+        if self.kind == "truncated_normal":  # an end is met but for rounding
+            return np.clip(values, self.arguments[2], self.arguments[3])
+        return values
 
     def below(self, value: float) -> float:
         """Return the probability of a value up to this one."""
