@@ -116,3 +116,32 @@ def test_what_candump_prints_is_read_as_its_log(log, tmp_path):
     path.write_text("\n".join([*lines, " (1.5)  can0  100   [8]  00 0", ""]), encoding="utf-8")
     with pytest.raises(ValueError, match=f"line {len(lines) + 1} is no frame"):
         candump.frames(str(path))
+
+
+@pytest.mark.parametrize(
+    ("form", "good", "broken"),
+    [
+        ("asc", "d 8 E8 03", "d 8 E8 .3"),
+        ("asc", "d 8 E8 03", "d 8 03"),
+        ("asc", "d 4 00 00 00 00", "d 4 00 00 00 00 01"),
+        ("asc", "f 64 66 A8", "f 64 66A8"),
+        ("asc", " 0 0 f 64 66 ", " 0 0 f 64 "),
+        ("trc", "8    E8 03", "E8 03"),
+        ("trc", "Rx -  8    E8", "RxE-  8    E8"),
+        ("trc", "8    E8 03", "8    E8 3"),
+        ("log", "E803", "E80"),
+    ],
+)
+def test_a_frame_that_lost_or_gained_a_digit_is_refused(log, tmp_path, form, good, broken):
+    text = log[2][form].read_text(encoding="utf-8")
+    assert good in text
+    path = tmp_path / f"a.{form}"
+    path.write_text(text.replace(good, broken, 1), encoding="utf-8")
+    with pytest.raises(ValueError, match=r"line \d+ is no frame"):
+        {"asc": asc, "trc": trc, "log": candump}[form].frames(str(path))
+
+
+def test_a_classic_frame_may_have_any_code_from_8_on(tmp_path):
+    path = tmp_path / "a.asc"
+    path.write_text("0.1 1 100 Rx d f 01 02 03 04 05 06 07 08  Length = 231910\n", encoding="utf-8")
+    assert asc.frames(str(path)).length.tolist() == [8]

@@ -20,8 +20,8 @@ _SHAPES = 64
 _LONGEST = 64
 _LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 """Bytes of a frame by its data length code (ISO 11898-1, table 5)."""
-_ERROR = 1 << 29
-"""Bit of an identifier that marks an error frame."""
+_FLAGS = 3 << 29
+"""Bits of an identifier that mark error and remote frames."""
 _FREE = ("time", "number", "id", "data")
 """Groups in which lines of one shape differ, the latter two in hexadecimal digits."""
 _SPACE, _ZERO = np.uint8(ord(" ")), np.uint8(ord("0"))
@@ -134,11 +134,14 @@ class _Block:
                     rows = rows[~self._read_alike(rows, line, match)]
 
     def _match(self, line: bytes) -> re.Match[bytes] | None:
-        """Return a frame; ``None`` if the line is none, or something else follows fewer bytes than it says."""
+        """Return a frame; ``None`` if the line is none, or does not have as many bytes as it says."""
         match = next((m for m in (p.match(line) for p in self._grammar.frames) if m is not None), None)
-        if match is not None and (_stated(match) or 0) > len(self._octets(match)) and line[match.end() :].strip():
-            return None
-        return match
+        if match is None or (stated := _stated(match)) is None:
+            return match
+        count = len(self._octets(match))
+        classic = count == 8 and "dlc" in match.re.groupindex  # which has 8 bytes with any code from 8 on
+        further = stated < count and match.end() == len(line.rstrip())
+        return None if further or (stated > count and not classic) else match
 
     def _pass_over(self, row: int, line: bytes) -> None:
         """Take the stamp of a line that is no frame.
@@ -171,10 +174,8 @@ class _Block:
         """
         places = [i for i in range(*match.span("data")) if line[i] > _SPACE]
         stated, high = _stated(match), places[::2]
-        end = len(line)
-        if stated is not None and stated <= len(high):
-            end = high[stated - 1] + 2 if stated else match.start("data")
         high = high[:stated]
+        end = len(line) if stated is None else high[-1] + 2 if high else match.start("data")
         start, likely = self.start[rows], np.ones(len(rows), dtype=bool)
         for begin in {match.start(name) for name in _FREE if name in match.re.groupindex}:  # quicker than all places
             for place in (begin - 1, begin):
@@ -214,7 +215,7 @@ class _Block:
         self.size[rows] = size
         extended = EXTENDED * (match["x"] is not None)
         self.identifier[rows] = identifier & 0x1FFFFFFF | extended
-        self.is_frame[rows] = not extended or identifier & _ERROR == 0
+        self.is_frame[rows] = not extended or identifier & _FLAGS == 0
 
 
 def _stated(match: re.Match[bytes]) -> int | None:

@@ -17,10 +17,13 @@ _HEAD = 2**16
 """Bytes in which the base of the numbers is stated; hexadecimal without it."""
 _BASE = re.compile(rb"^\s*base\s+(hex|dec)(?:\s+timestamps\s+(absolute|relative))?", re.I | re.M)
 _TIME = rb"\s*(?P<time>\d+\.\d+)\s+"
+_FLAGS = rb"(?:\S*[^\s\d]\S*\s+)?\d\s+\d"
+"""Of CAN FD, behind a symbolic name that may be absent."""
 _OTHER = re.compile(
     rb"(?!%(time)b(?:\d+\s+\w+\s+[RT]x|CANFD))"  # no frame
     rb"|%(time)b\d+\s+\w+\s+[RT]x\w*\s+r"  # a remote frame
-    rb"|%(time)bCANFD\s+\d+\s+[RT]x\w*\s+(?:ErrorFrame|.*\s\d\s+\d\s+\w\s+0(?!\S))" % {b"time": rb"\s*\d+\.\d+\s+"},
+    rb"|%(time)bCANFD\s+\d+\s+[RT]x\w*\s+(?:ErrorFrame|\S+\s+%(flags)b\s+\w+\s+0(?!\S))"
+    % {b"time": rb"\s*\d+\.\d+\s+", b"flags": _FLAGS},
     re.I,
 )
 
@@ -54,7 +57,6 @@ def _grammar(base: int, relative: bool) -> Grammar:
     octets = rb"(?P<data>(?:\s+%b(?!\S)){0,%%d})" % (HEX * 2 if base == 16 else rb"\d{1,3}")
     identifier = rb"(?P<id>%b{1,%d})(?P<x>x)?\s+" % (digit, 8 if base == 16 else 10)
     classic = rb"(?P<bus>\d+)\s+%b[RT]x\w*\s+d\s+(?P<dlc>%b+)(?!\S)" % (identifier, digit)
-    flags = rb"(?:\S*[^\s\d]\S*\s+)?\d\s+\d"  # behind a symbolic name that may be absent
-    fd = rb"CANFD\s+(?P<bus>\d+)\s+[RT]x\w*\s+%b%b\s+%b+\s+(?P<length>[1-9]\d*)(?!\S)" % (identifier, flags, digit)
+    fd = rb"CANFD\s+(?P<bus>\d+)\s+[RT]x\w*\s+%b%b\s+%b+\s+(?P<length>[1-9]\d*)(?!\S)" % (identifier, _FLAGS, digit)
     patterns = (re.compile(_TIME + head + octets % most, re.I) for head, most in ((classic, 8), (fd, 64)))
     return Grammar(tuple(patterns), _OTHER, base, relative)

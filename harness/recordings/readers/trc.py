@@ -25,10 +25,12 @@ _FIELDS = {
     "T": rb"(?:Rx|Tx|DT|FD|FB|FE|BI)",
     "B": rb"(?P<bus>\d+)",
     "I": rb"(?P<x>(?=%b{5}))?(?P<id>%b{1,8})" % (HEX, HEX),
+    "d": rb"[RT]x",
+    "R": rb"-",
     "l": rb"(?P<length>\d+)",
     "L": rb"(?P<dlc>\d+)",
 }
-_DATA = rb"(?!\S)(?P<data>(?:\s+%b%b(?!\S)){0,64})" % (HEX, HEX)
+_DATA = rb"(?!\S)(?P<data>(?:\s+%b%b(?!\S)){0,64})\s*$" % (HEX, HEX)
 _BEGINNING = datetime(1899, 12, 30, tzinfo=UTC)
 """From which days are counted."""
 
