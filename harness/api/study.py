@@ -60,6 +60,7 @@ class FactorKeys(TypedDict, total=False):
     labels: Sequence[str] | None
 
 
+@keywords(FactorKeys)
 def factor(
     parameter: str,
     *,

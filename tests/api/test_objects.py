@@ -103,9 +103,9 @@ def test_errors_are_those_of_python(tmp_path):
 @pytest.mark.parametrize(
     ("call", "keywords"),
     [
-        (h.factor, {"of", "unit", "levels", "shift", "bands", "range", "scale", "band", "labels"}),
+        (h.factor, {"of", "unit", "levels", "shift", "bands", "range", "distribution", "scale", "band", "labels"}),
         (h.levels, {"of", "unit", "band", "labels", "repeats"}),
-        (h.design, {"sampling", "samples", "boxes", "repeats", "sobol_any_n"}),
+        (h.design, {"sampling", "samples", "boxes", "repeats", "sobol_any_n", "scramblings", "correlation", "groups"}),
         (h.model, {"tyre", "unknown_parameters", "considered_parameters", "step", "integrator", "substeps"}),
         (h.Study, {"title", "seed", "tuning", "history", "limits", "report"}),
     ],
