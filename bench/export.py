@@ -4,11 +4,12 @@
     python -m bench.export --sanitize                 # the same steps under the sanitizers of the compiler
     python -m bench.export --single --duration "1 h"  # a drive in single precision beside double
 
-Two studies of the semitrailer, as it is believed to be: with unknown steering and one sensor, and with an unknown load
-and the sensors of stability control. Steps are those of ``harness/realtime/export/steps.py``: eight behind each point
-of a Sobol sequence around a recorded run. Differences are the largest of mean and covariance, NIS and likelihood, in
-standard deviations or relative. Code and stack are those of the compiler with -Os for this processor; the stack is the
-sum over all functions, more than any chain of calls takes.
+Studies of the semitrailer, as it is believed to be: with unknown steering and one sensor, with an unknown load and the
+sensors of stability control, and with that load considered. Steps are those of ``harness/realtime/export/steps.py``:
+eight behind each point of a Sobol sequence around a recorded run. Differences are the largest of mean and covariance,
+NIS and likelihood, in standard deviations or relative; beside them what one rounding of the first state changes. Code
+and stack are those of the compiler with -Os for this processor; the stack is the sum over all functions, more than any
+chain of calls takes.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from __future__ import annotations
 import subprocess
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -66,12 +67,14 @@ class Equality:
 
     Attributes:
         first, all: Largest difference behind the first step of a point, and behind any of eight.
+        rounded: That of the kernel from itself, the first state being one rounding larger, behind any of eight.
         above: Share of the steps with more than ``LIMIT``.
         time: Of a step in C, in s.
     """
 
     first: float
     all: float
+    rounded: float
     above: float
     time: float
 
@@ -96,16 +99,19 @@ def equality(run: Exported, folder: Path, count: int, flags: Sequence[str]) -> E
         CalledProcessError: If the C does not compile without a warning, or a sanitizer ends it.
     """
     program, region = steps.built(run.export, folder, "gcc", flags), steps.around(run)
-    worst, above, taken, points = np.zeros(2), 0, 0.0, -(-count // (steps.SAMPLES * LANES)) * LANES
+    worst, above, taken, points = np.zeros(3), 0, 0.0, -(-count // (steps.SAMPLES * LANES)) * LANES
     for first in range(0, points, AT_ONCE):
         given = steps.points(region, first, min(AT_ONCE, points - first))
         python, measured = steps.in_python(run.estimator, given)
         c, time = steps.in_c(program, given, measured, python.memory.shape[2])
         off = np.max(list(steps.differences(c, python, region.mean_spread).values()), axis=0)
-        worst = np.maximum(worst, [off[:, 0].max(), off.max()])
+        moved = replace(given, mean=np.nextafter(given.mean, np.inf))
+        rounded, _ = steps.in_python(run.estimator, moved, measured)
+        least = max(each.max() for each in steps.differences(rounded, python, region.mean_spread).values())
+        worst = np.maximum(worst, [off[:, 0].max(), off.max(), least])
         above, taken = above + int((off > LIMIT).sum()), taken + time
     total = points * steps.SAMPLES
-    return Equality(worst[0], worst[1], above / total, taken / total)
+    return Equality(*worst, above / total, taken / total)
 
 
 def sizes(run: Exported, folder: Path) -> tuple[int, int]:
@@ -162,7 +168,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     console.print(table)
 
 
-_EQUAL = ("lines", "memory/B", "code/B", "stack/B", "one step", "eight steps", "above 1e-12", "ns per step")
+_EQUAL = (
+    "lines",
+    "memory/B",
+    "code/B",
+    "stack/B",
+    "one step",
+    "eight steps",
+    "one rounding",
+    "above 1e-12",
+    "ns per step",
+)
 _SINGLE = ("memory/B", "largest distance/deviation", "first above 0.1 at/s", "left its range")
 
 
@@ -179,7 +195,8 @@ def _row(chosen: StudySpec, estimator: str, given: Any) -> list[str]:
         off = equality(run, folder, given.steps, SANITIZED if given.sanitize else ("-O2",))
         lines = run.files[f"{run.export.name}.c"].count("\n")
         cells = [f"{lines:,}", f"{run.export.memory:,}", f"{code:,}", f"{stack:,}"]
-        return [*cells, f"{off.first:.1e}", f"{off.all:.1e}", f"{off.above:.1e}", f"{off.time * 1e9:.0f}"]
+        apart = (off.first, off.all, off.rounded, off.above)
+        return [*cells, *(f"{each:.1e}" for each in apart), f"{off.time * 1e9:.0f}"]
 
 
 if __name__ == "__main__":

@@ -19,12 +19,13 @@ def row(out):
 def test_steps_of_c_and_kernel_are_compared(more, capsys):
     export.main(["--study", "steering", "--estimator", "ekf", "--steps", "800", *more])
     cells = row(capsys.readouterr().out)
-    lines, memory, code, stack, first, all_of_eight, above, time = (float(c.replace(",", "")) for c in cells)
+    lines, memory, code, stack, first, all_of_eight, rounded, above, time = (float(c.replace(",", "")) for c in cells)
     assert 500 < lines < 2000
     assert 4000 < memory < 8000
     assert 5000 < code < 50000
     assert 500 < stack < 5000
     assert 0 < first <= all_of_eight < 1e-12
+    assert 0 < rounded < 1e-11
     assert above == 0.0
     assert 10 < time < 1e6
 

@@ -124,7 +124,40 @@ def len_of(x):
     return x.shape[0]
 
 
+def damped(value, count):
+    for _ in range(count):
+        value = 0.5 * value
+    return value
+
+
+def parameters_assigned(x, y):
+    put(damped(get(x, 0), 3) + damped(2, 2), y, 0)
+
+
+def count_up(x):
+    put(get(x, 0) + 1.0, x, 0)
+    return get(x, 0)
+
+
+def in_order(x, y):
+    room = np.zeros((2, LANES))
+    put(get(room, 0) + 10.0 * count_up(room) + get(room, 0), y, 0)
+    a, b = get(room, 0), count_up(room)
+    put(a - b, y, 1)
+    put(maximum(get(room, 0), count_up(room) - 5.0), y, 2)
+
+
+def counters(x, y):
+    for i in range(3):
+        put(get(x, i), y, i)
+    i = get(x, 0)
+    for k in range(2):
+        i = i + get(x, k)
+    put(i, y, 4)
+
+
 KERNELS = (
+    parameters_assigned, in_order, counters,
     swapped, first_alone, over_a_table, behind_zero, early, made_within, followed, cut, elementary, by_field,
 )  # fmt: skip
 

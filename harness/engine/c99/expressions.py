@@ -14,6 +14,7 @@ import numpy as np
 from numba.core.dispatcher import Dispatcher
 
 from harness.engine.c99 import values as v
+from harness.engine.c99.statements import Statement
 from harness.engine.c99.values import Array, NotPrintable, Parts, Scalar, Value, number
 from harness.engine.simd import lanes, memory
 
@@ -82,11 +83,13 @@ class Expressions:
 
     Attributes:
         variables: Values by the Python names of variables.
+        statements: What has been printed.
     """
 
     def __init__(self, program: Program, names: Mapping[str, Any]) -> None:
         self._program, self._names = program, names
         self.variables: dict[str, Value] = {}
+        self.statements: list[Statement] = []
         self._sure = True
 
     def called(self, function: FunctionType, arguments: Sequence[Value]) -> Value:
@@ -95,6 +98,10 @@ class Expressions:
 
     def new_array(self, shape: tuple[int, ...], zero: bool, kind: v.Kind = "real") -> Array:
         """Return a new array; see ``harness.engine.c99.functions``."""
+        raise NotImplementedError
+
+    def keep_early(self, value: Value, mark: int) -> Value:
+        """Read a value before the statements from a place on; see ``harness.engine.c99.functions``."""
         raise NotImplementedError
 
     def store(self, value: Scalar, place: Array) -> None:
@@ -108,6 +115,21 @@ class Expressions:
             raise NotPrintable(f"line {node.lineno} has '{ast.unparse(node)}', for which there is no C")
         result: Value = method(node)
         return result
+
+    def values(self, nodes: Sequence[ast.expr]) -> list[Value]:
+        """Return the values of expressions, each read before what the next ones do."""
+        values: list[Value] = []
+        for node in nodes:
+            mark = len(self.statements)
+            value = self.value(node)
+            if len(self.statements) > mark:
+                values = [self.keep_early(each, mark) for each in values[::-1]][::-1]
+            values.append(value)
+        return values
+
+    def scalars(self, nodes: Sequence[ast.expr]) -> list[Scalar]:
+        """Return the values of expressions that are numbers or truth values."""
+        return [self._as_scalar(value, node) for value, node in zip(self.values(nodes), nodes, strict=True)]
 
     def scalar(self, node: ast.expr) -> Scalar:
         """Return the value of an expression that is a number or truth value."""
@@ -155,10 +177,10 @@ class Expressions:
         raise NotPrintable(f"line {node.lineno}: '{node.id}' is a {type(meaning).__name__}")
 
     def _of_Tuple(self, node: ast.Tuple) -> Value:
-        return Parts(tuple(self.value(each) for each in node.elts))
+        return Parts(tuple(self.values(node.elts)))
 
     def _of_BinOp(self, node: ast.BinOp) -> Value:
-        a, b = self.scalar(node.left), self.scalar(node.right)
+        a, b = self.scalars([node.left, node.right])
         if type(node.op) in _SIGNS:
             return v.arithmetic(_SIGNS[type(node.op)], a, b)
         if isinstance(node.op, ast.BitAnd):
@@ -185,11 +207,10 @@ class Expressions:
 
     def _of_Compare(self, node: ast.Compare) -> Value:
         result = number(True)
-        left = self.scalar(node.left)
-        for op, comparator in zip(node.ops, node.comparators, strict=True):
+        left, *others = self.scalars([node.left, *node.comparators])
+        for op, right in zip(node.ops, others, strict=True):
             if type(op) not in _RELATIONS:
                 raise NotPrintable(f"line {node.lineno} has '{ast.unparse(node)}', for which there is no C")
-            right = self.scalar(comparator)
             result = v.both(result, v.compare(_RELATIONS[type(op)], left, right))
             left = right
         return result
@@ -257,13 +278,13 @@ class Expressions:
         if isinstance(meaning, Dispatcher):
             meaning = meaning.py_func
         if isinstance(meaning, FunctionType):
-            return self.called(meaning, [self.value(a) for a in node.args])
+            return self.called(meaning, self.values(node.args))
         if id(meaning) in PRIMITIVES:
             return self._primitive(PRIMITIVES[id(meaning)], node)
         if isinstance(meaning, type) and issubclass(meaning, tuple):
-            return self._record(meaning, [self.value(a) for a in node.args])
+            return self._record(meaning, self.values(node.args))
         if name in ("max", "min", "abs", "int", "float") and meaning is None:
-            return self._builtin(name, [self.scalar(a) for a in node.args])
+            return self._builtin(name, self.scalars(node.args))
         raise NotPrintable(f"line {node.lineno} calls '{name}', for which there is no C")
 
     def _record(self, meaning: Any, arguments: list[Value]) -> Parts:
@@ -303,7 +324,7 @@ class Expressions:
             return self.value(node.args[0])
         if name == "retain":
             return None
-        given = [self.scalar(a) for a in node.args]
+        given = self.scalars(node.args)
         if name == "any_of":
             return given[0]
         if name == "select":

@@ -13,7 +13,7 @@ from typing import Any
 from harness.engine.c99 import values as v
 from harness.engine.c99.expressions import Expressions, Program
 from harness.engine.c99.statements import Statement
-from harness.engine.c99.values import Array, NotPrintable, Parts, Root, Scalar, Value
+from harness.engine.c99.values import Array, NotPrintable, Parts, Root, Scalar, Value, flat, mapped
 
 C_WORDS = """auto bool break case char const continue default do double else enum extern float for goto if inline int
     long register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while"""
@@ -53,22 +53,6 @@ class Unreachable(Exception):
     """What follows is never reached."""
 
 
-def flat(value: Value) -> Iterator[Scalar | Array]:
-    """Give the numbers and arrays of a value."""
-    if isinstance(value, Parts):
-        for part in value.parts:
-            yield from flat(part)
-    elif value is not None:
-        yield value
-
-
-def mapped(value: Value, change: Callable[[Scalar | Array], Scalar | Array]) -> Value:
-    """Return a value with its numbers and arrays changed."""
-    if isinstance(value, Parts):
-        return Parts(tuple(mapped(part, change) for part in value.parts), value.fields)
-    return None if value is None else change(value)
-
-
 class Names:
     """Names of the variables of a C function."""
 
@@ -76,12 +60,13 @@ class Names:
         self.types: dict[str, str] = {}
         self.taken: set[str] = set(RESERVED)
         self.pointers: list[Root] = []
+        self.counters: set[str] = set()
 
     def new(self, wanted: str, kind: str) -> str:
         """Return a name that is not taken, like the one that is wanted."""
         wanted = wanted.lstrip("_") or "value"
         name, number = wanted, 1
-        while name in self.taken or name in self.types:
+        while name in self.taken or name in self.types or (kind and name in self.counters):
             number += 1
             name = f"{wanted}_{number}"
         self.taken.add(name)
@@ -115,7 +100,6 @@ class Function(Expressions):
         self._syntax, self._c, self._arguments = program.syntax(function), names, arguments
         self._is_inner, self._make_array = is_inner, make_array
         self._shared: dict[str, v.Kind | None] = {}  # Python names of one variable in C, with its kind
-        self.statements: list[Statement] = []
         self.result: Value = None
         self.kind: v.Kind | None = None
         self.returned: set[bool | int | float | None] = set()
@@ -132,6 +116,8 @@ class Function(Expressions):
             if len(parameters) != len(self._arguments):
                 raise NotPrintable(f"it is called with {len(self._arguments)} arguments in place of {len(parameters)}")
             self.variables = dict(zip(parameters, self._arguments, strict=True))
+            for name in self._shared.keys() & self.variables.keys():
+                self._set(name, self.variables[name])
             try:
                 self._block(self._syntax.body)
                 return self.result
@@ -278,13 +264,14 @@ class Function(Expressions):
         if first.static is not None and last.static is not None and not range(first.static, last.static, step):  # type: ignore[arg-type]
             return
         counter = self._c.new("pass" if node.target.id == "_" else node.target.id, "")
+        self._c.counters.add(counter)
         if last.static is None and last.reads & set(self._variables_in_c.values()):
             last = self._variable("end", last)
         there = set(self.variables)
         self.variables[node.target.id] = Scalar("int", counter, v.ATOM, None, frozenset([counter]))
         with self._within() as body:
             self._guarded(node.body)
-        self._c.taken.discard(counter)  # a loop that comes later may count with it
+        self._c.taken.discard(counter)  # a loop that comes later may count with it, and nothing else
         for name in set(self.variables) - there - set(self._shared):
             del self.variables[name]
         sign, move = (
@@ -356,6 +343,17 @@ class Function(Expressions):
                 body=[Statement(f"{name}[i] = 0.0", frozenset([name]))],
             )
         return Array("real", shape, Root(name), v.whole(0))
+
+    def keep_early(self, value: Value, mark: int) -> Value:
+        """Read a value before the statements from a place on, which may change it."""
+        later, self.statements = self.statements[mark:], self.statements[:mark]
+        kept = mapped(value, partial(self._read, "early"))
+        self.statements += later
+        return kept
+
+    def _read(self, name: str, leaf: Scalar | Array) -> Scalar | Array:
+        is_number = isinstance(leaf, Scalar) and leaf.static is None
+        return self._variable(name, leaf) if is_number else leaf  # type: ignore[arg-type]
 
     def store(self, value: Scalar, place: Array) -> None:
         """Write a number."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import hashlib
 import inspect
 import re
 import textwrap
@@ -16,9 +15,9 @@ import numpy as np
 
 from harness.engine.c99 import values as v
 from harness.engine.c99.expressions import Printed
-from harness.engine.c99.functions import C_TYPES, Function, Names, ReturnsArrays, flat, parameters_of
+from harness.engine.c99.functions import C_TYPES, Function, Names, ReturnsArrays, parameters_of
 from harness.engine.c99.statements import printed, without_unread
-from harness.engine.c99.values import Array, NotPrintable, Parts, Root, Scalar, Value
+from harness.engine.c99.values import Array, NotPrintable, Parts, Root, Scalar, Value, flat
 
 
 class Program:
@@ -29,23 +28,17 @@ class Program:
 
     Attributes:
         texts: Text of each table and C function by its name, those that others need first.
-        sources: Source of each Python function that is in them, by where it stands.
     """
 
     def __init__(self, title: str) -> None:
         self._title = title
         self.texts: dict[str, str] = {}
-        self.sources: dict[str, str] = {}
         self._syntax: dict[FunctionType, ast.FunctionDef] = {}
         self._printed: dict[Any, Printed] = {}
         self._inner: set[FunctionType] = set()
         self._tables: dict[int, tuple[np.ndarray[Any, Any], Array]] = {}
         self._names: set[str] = set()
         self._at_work: list[FunctionType] = []
-
-    def digest(self) -> str:
-        """Return a digest of the source of all functions."""
-        return hashlib.sha256("\n".join(self.sources[place] for place in sorted(self.sources)).encode()).hexdigest()
 
     def needed(self, lines: Sequence[str]) -> list[str]:
         """Return the text of the tables and functions that some lines need, those that others need first."""
@@ -60,11 +53,9 @@ class Program:
     def syntax(self, function: FunctionType) -> ast.FunctionDef:
         """Return the syntax of a function."""
         if function not in self._syntax:
-            source = textwrap.dedent(inspect.getsource(function))
-            node = ast.parse(source).body[0]
+            node = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
             assert isinstance(node, ast.FunctionDef)
             self._syntax[function] = node
-            self.sources[f"{function.__module__}.{function.__name__}"] = source
         return self._syntax[function]
 
     def table(self, name: str, values: np.ndarray[Any, Any]) -> Array:

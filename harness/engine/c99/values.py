@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf, isfinite, prod
 from typing import Any, Literal
@@ -152,6 +152,22 @@ class Parts:
 
 
 Value = Scalar | Array | Parts | None
+
+
+def flat(value: Value) -> Iterator[Scalar | Array]:
+    """Give the numbers and arrays of a value."""
+    if isinstance(value, Parts):
+        for part in value.parts:
+            yield from flat(part)
+    elif value is not None:
+        yield value
+
+
+def mapped(value: Value, change: Callable[[Scalar | Array], Scalar | Array]) -> Value:
+    """Return a value with its numbers and arrays changed."""
+    if isinstance(value, Parts):
+        return Parts(tuple(mapped(part, change) for part in value.parts), value.fields)
+    return None if value is None else change(value)
 
 
 def whole(value: int) -> Scalar:

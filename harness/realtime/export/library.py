@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from dataclasses import dataclass
 from types import FunctionType
@@ -45,7 +46,7 @@ class Library:
         source: Tables and functions of its kernels.
         begin, take, tell: Statements of ``begin_exported``, ``step_exported`` and ``tell_of_exported``.
         members: What it holds.
-        digest: Of the kernels it was printed from.
+        digest: Of all that, whatever the precision.
     """
 
     source: str
@@ -137,7 +138,8 @@ def library_of(name: str, estimator: CompiledEstimator) -> Library:
     limits = program.table("limits", estimator.limits)
     _, tell = program.statements(function(kernels.tell_of_exported), [state, u, belief, limits, room, told, beyond])
     source = "\n\n".join(program.needed([*begin, *take, *tell]))
-    return Library(source, begin, take, tell, memory.members, program.digest())
+    digest = hashlib.sha256("\n".join([source, *begin, *take, *tell]).encode()).hexdigest()
+    return Library(source, begin, take, tell, memory.members, digest)
 
 
 _SAID = {

@@ -126,6 +126,8 @@ def export(
         )
     if drive is not None and drive not in drives:
         raise UserError(f"--drive {drive}: study '{study.name}' has no such drive{closest(drive, drives)}")
+    if not duration >= study.belief.step:
+        raise UserError(f"duration: {duration:g} s is less than a sample of {study.belief.step:g} s; record more")
     driven = study.drives[0 if drive is None else drives.index(drive)]
     say("building model and drive")
     alone = dataclasses.replace(

@@ -141,10 +141,10 @@ def points(region: Region, first: int, count: int, seed: int = 0) -> Points:
     )
 
 
-def in_python(estimator: CompiledEstimator, given: Points) -> tuple[Steps, Floats]:
+def in_python(estimator: CompiledEstimator, given: Points, before: Floats | None = None) -> tuple[Steps, Floats]:
     """Return the steps of the kernel that studies run, and the measurements ``(points, SAMPLES, ny)``.
 
-    Each measurement lies about that of the estimate before. Points are whole batches.
+    Each measurement lies about that of the estimate before, unless others are given. Points are whole batches.
     """
     compiled = estimator.compiled
     nx, ny, count = compiled.nx, compiled.ny, len(given.mean)
@@ -165,6 +165,8 @@ def in_python(estimator: CompiledEstimator, given: Points) -> tuple[Steps, Float
             y = np.empty((ny, LANES))
             compiled.kernels.output(state.mean, u[k + 1], belief.constants, y)
             y += np.sqrt(r) * np.moveaxis(given.surprise[chosen, k], 0, -1)
+            if before is not None:
+                y[:] = np.moveaxis(before[chosen, k], 0, -1)
             state, info = estimator.step(state, u[k], u[k + 1], y, belief)
             measured[chosen, k] = y.T
             mean[chosen, k], memory[chosen, k] = state.mean.T, state.memory.T
