@@ -3,6 +3,7 @@
     python -m bench.export                            # 10^6 steps of each; --study and --estimator choose some
     python -m bench.export --sanitize                 # the same steps under the sanitizers of the compiler
     python -m bench.export --single --duration "1 h"  # a drive in single precision beside double
+    python -m bench.export --round-trip mass          # scores of a study by the C, beside those of its own
 
 Studies of the semitrailer, as it is believed to be: with unknown steering and one sensor, with an unknown load and the
 sensors of stability control, and with that load considered. Steps are those of ``harness/realtime/export/steps.py``:
@@ -25,14 +26,17 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from harness.cli.options import study_path
 from harness.common.arguments import Parser
 from harness.common.errors import UserError
-from harness.common.files import write_files
+from harness.common.files import parse_toml, write_files
 from harness.common.units import to_si
-from harness.config import StudySpec, build_study
+from harness.config import StudySpec, build_study, load_study
 from harness.engine.simd.lanes import LANES
 from harness.realtime.export import steps
 from harness.realtime.export.run import Exported, export
+from harness.study.design import units
+from harness.study.evaluate import StudyEvaluator
 
 AT_ONCE = 2048
 LIMIT = 1e-12
@@ -146,6 +150,39 @@ def single(run: Exported, folder: Path) -> tuple[float, float, bool]:
     return float(off.max()), late[0] * run.export.step if len(late) else np.nan, bool(table[:, -1].any())
 
 
+def round_trip(name: str, repeats: int, folder: Path) -> dict[str, dict[str, float]]:
+    """Return the largest relative difference of scores by estimator and score, of the first design of a study."""
+    chosen = load_study(study_path(name))
+    design = replace(chosen.designs[0], repeats=repeats)
+    kinds = {e.name: e for e in chosen.estimators if e.kind not in ("particle", "rbpf", "enkf", "external")}
+    tables = []
+    for estimator in kinds:
+        run = export(chosen, estimator, recorded=(None, 1.0))
+        write_files(folder / run.export.name, run.files)
+        subprocess.run(["make", "-s", f"lib{run.export.name}.so"], cwd=folder / run.export.name, check=True)
+        (table,) = parse_toml(run.files["estimator.toml"], estimator)["estimator"]
+        tables.append({**table, "library": str(folder / run.export.name / table["library"])})
+    content = parse_toml(chosen.text, str(chosen.path)) | {"estimator": tables, "tuning": None}
+    in_c = build_study({k: v for k, v in content.items() if v is not None}, chosen.path)
+    both = replace(
+        chosen, estimators=(*kinds.values(), *in_c.estimators), designs=(design,), history=(), over_time=None
+    )
+    evaluator = StudyEvaluator(both)
+    for index in range(evaluator.kernels):
+        evaluator.warm_up(index)
+    results = [evaluator.evaluate(unit) for unit in units(both, design)]
+    assert not evaluator.lost()
+    off: dict[str, dict[str, float]] = {estimator: {} for estimator in kinds}
+    for score in ("rmse", "max_error", "nis", "status"):
+        parts = [np.asarray(r[score], dtype=float).reshape(-1, 2 * len(kinds), r[score][0, 0, 0].size) for r in results]
+        ours, c = np.split(np.concatenate(parts), 2, axis=1)
+        apart = np.nanmax(np.abs(c - ours) / np.where(ours == 0, 1.0, np.abs(ours)), axis=(0, 2), initial=0.0)
+        apart = np.where((np.isnan(c) == np.isnan(ours)).all(axis=(0, 2)), apart, np.inf)
+        for estimator, largest in zip(kinds, apart, strict=True):
+            off[estimator][score] = float(largest)
+    return off
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table that is asked for."""
     parser = Parser(prog="python -m bench.export", description=__doc__.splitlines()[0])
@@ -155,7 +192,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--sanitize", action="store_true")
     parser.add_argument("--single", action="store_true")
     parser.add_argument("--duration", default="10 min", help="of the drive in single precision")
+    parser.add_argument("--round-trip", metavar="STUDY")
+    parser.add_argument("--repeats", type=int, default=4, help="of the first design of that study")
     given = parser.parse_args(arguments)
+    if given.round_trip:
+        with tempfile.TemporaryDirectory() as place:
+            for estimator, scores in round_trip(given.round_trip, given.repeats, Path(place)).items():
+                print(f"{estimator:12s}", *(f"{score} {off:.1e}" for score, off in scores.items()), sep="  ")
+        return
     heads = ["study", "estimator", *(_SINGLE if given.single else _EQUAL)]
     table, console = Table(*heads, box=None), Console(width=160)
     for name in [given.study] if given.study else STUDIES:
