@@ -107,6 +107,7 @@ def test_sdist_and_wheel_hold_the_same_package(built):
     tracked += [
         ROOT / "harness" / "config" / "studies" / "study.schema.json",
         *(ROOT / "harness" / "cli" / "templates").glob("*"),
+        *(ROOT / "harness" / "realtime" / "export" / "templates").glob("*"),
     ]
     assert {p.relative_to(ROOT).as_posix() for p in tracked} == files
     assert files <= sources
