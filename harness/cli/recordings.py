@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -234,8 +234,7 @@ def identify(task: IdentifyOptions) -> None:
         interval = f"95 % interval {e.lower:.4g} to {e.upper:.4g}" if e.lower < e.upper else "no interval"
         sentences.append(f"{name}: {e.start:.4g} to {e.value:.4g}{unit}, {interval}; {e.verdict}")
     printed(fit.answer, [*sentences, *written])
-    if posterior := [path for path in written if path.name == "posterior.toml"]:
-        Console().print(Text(f"next: harness run {posterior[0]}"), style="bold", soft_wrap=True)
+    _next(written)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -278,7 +277,8 @@ def trace(task: TraceOptions) -> None:
     from harness.api.diagnosis import Diagnosis
 
     if (of_file := task.of_file("trace")) is not None:
-        return _trace_file(*of_file, task.jobs)
+        _trace_file(*of_file, task.jobs)
+        return
     assert task.out is not None
     study = None if task.study is None else study_path(task.study)
     estimators = None if task.estimators is None else listed(task.estimators)
@@ -288,7 +288,15 @@ def trace(task: TraceOptions) -> None:
     diagnosis.fit(model_of(task.model), train, test, task.out, baseline)
     with showing(Console(stderr=True), "writing the report"):
         written = diagnosis.report(task.out, command())
-    return printed(diagnosis.answer_, written)
+    printed(diagnosis.answer_, written)
+    _next(written)
+
+
+def _next(written: Sequence[Path]) -> None:
+    """Print the command that goes on from a result, if a study of what it leaves open was written."""
+    for path in written:
+        if path.name == "posterior.toml":
+            Console().print(Text(f"next: harness run {path}"), style="bold", soft_wrap=True)
 
 
 def loop(

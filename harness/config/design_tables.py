@@ -108,7 +108,7 @@ class DesignTable(StrictTable):
     )
     posterior: Name | None = Field(
         default=None,
-        description="population only: result folder of `harness identify`; what it leaves open of parameters is drawn",
+        description="population only: result of `harness identify` or `trace`; parameters are drawn as it left them",
     )
     groups: dict[Name, Annotated[list[Name], Field(min_length=1)]] | None = Field(
         default=None, description='population only: factors that are ranked as one, `{ tyre = ["friction", ...] }`'

@@ -18,7 +18,8 @@ from harness.config.specs import ModelSpec
 from harness.models.assembly.model import StateSpaceModel
 from harness.models.signals import SIGNALS
 
-FILE = "identify.json"
+FILES = ("identify.json", "trace.json")
+"""What the commands write that leave a posterior."""
 
 _LARGEST = 1.0 - 1e-9
 """Correlation from which two parameters would be one."""
@@ -44,7 +45,7 @@ class Posterior:
 
 
 def read_posterior(name: str, folder: Path, where: str) -> Posterior:
-    """Return the posterior that a result folder of ``harness identify`` holds, without that of noise.
+    """Return the posterior that a result folder of ``harness identify`` or ``trace`` holds, without that of noise.
 
     Args:
         name: The folder, beside a study or in the working directory.
@@ -54,9 +55,11 @@ def read_posterior(name: str, folder: Path, where: str) -> Posterior:
     Raises:
         UserError: If it holds none.
     """
-    path = next((p for p in (folder / name / FILE, Path(name) / FILE) if p.is_file()), None)
+    path = next((p for top in (folder, Path()) for file in FILES if (p := top / name / file).is_file()), None)
     if path is None:
-        raise UserError(f"{where}: there is no {FILE} in '{name}', beside the study or in the working folder")
+        raise UserError(
+            f"{where}: there is no {' and no '.join(FILES)} in '{name}', beside the study or in the working folder"
+        )
     try:
         content: Any = json.loads(read_text(path))
         estimates = content["estimates"]
@@ -71,7 +74,7 @@ def read_posterior(name: str, folder: Path, where: str) -> Posterior:
         names = tuple(str(estimates[i]["name"]) for i in kept)
         correlation = table[np.ix_(kept, kept)] if table.size else np.eye(len(kept))
     except (ValueError, KeyError, TypeError, IndexError) as error:
-        raise UserError(f"{where}: {path} is no result of 'harness identify'; identify again") from error
+        raise UserError(f"{where}: {path} is no result of harness identify or trace; run that again") from error
     return Posterior(path, names, values, errors, correlation)
 
 

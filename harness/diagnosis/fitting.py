@@ -266,12 +266,19 @@ class Fitting:
 
     def standard_errors(self, fitted: FittedHypothesis) -> Floats:
         """Return the standard error of every parameter that a fit moved, in its unit ``(n,)``; infinite if unknown."""
+        return self.uncertainty(fitted)[0]
+
+    def uncertainty(self, fitted: FittedHypothesis) -> tuple[Floats, Floats]:
+        """Return standard errors as ``standard_errors`` does, and the correlation of the estimates ``(n, n)``."""
         if not fitted.coordinates:
-            return np.zeros(0)
+            return np.zeros(0), np.zeros((0, 0))
         objective, z, parameters = self._objective(fitted.coordinates, fitted.point)
         _, _, information = objective.slopes(z, np.ones_like(parameters))
-        slopes = [c.slope(at) for c, at in zip(fitted.coordinates, z, strict=False)]
-        return covariance_of(information).errors[: len(slopes)] * slopes
+        slopes = np.array([c.slope(at) for c, at in zip(fitted.coordinates, z, strict=False)])
+        covariance, moved = covariance_of(information), slice(0, len(slopes))
+        deviations = np.sqrt(np.maximum(np.diagonal(covariance.unit), 1e-300))
+        correlation = covariance.unit / np.outer(deviations, deviations)
+        return covariance.errors[moved] * slopes, correlation[moved, moved]
 
     def information(self, fitted: FittedHypothesis) -> Floats:
         """Return the Fisher information, with that of the priors, on the parameters that a fit moved ``(n, n)``.

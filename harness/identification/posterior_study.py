@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from harness.common.files import toml_text
-from harness.identification.contract import Fit
+from harness.config import ModelSpec
 from harness.identification.data import DriveData
 from harness.models.roles import VEHICLES
 
@@ -19,26 +19,29 @@ _HEADING = "Vehicles are drawn from what the fit leaves open; estimators believe
 POINTS = 64
 
 
-def posterior_study(fit: Fit, drives: Sequence[DriveData]) -> str:
-    """Return the text of a study beside ``parameters.toml`` and ``identify.json``; empty where none can be made.
+def posterior_study(
+    spec: ModelSpec, file: str, errors: Sequence[tuple[str, float]], drives: Sequence[DriveData]
+) -> str:
+    """Return the text of a study beside the result of an identification or a trace; empty where none can be made.
 
     The drive is a sine at the mean speed of the recordings, with as much steering. There is none of a vehicle that is
     not driven by steering wheel and speed, and none where a parameter has no standard error.
 
     Args:
-        fit: The fit.
+        spec: The model as fitted.
+        file: Its parameter file in the folder of the result.
+        errors: Parameters that were fitted, and their standard errors.
         drives: Recordings that were fitted.
     """
-    model, names = fit.spec.model(), fit.spec.values.keys()
-    known = [e for e in fit.estimates if e.name in names and np.isfinite(e.error) and e.error > 0]
-    fitted = [e for e in fit.estimates if e.name in names]
+    model = spec.model()
     driven = {"steering_wheel_angle", "speed"} <= set(model.inputs)
-    if fit.spec.external is not None or not (drives and driven and known) or len(known) < len(fitted):
+    known = errors and all(np.isfinite(error) and error > 0 for _, error in errors)
+    if spec.external is not None or not (drives and driven and known):
         return ""
     speed, steering = (
         np.concatenate([d.inputs[:, model.inputs.index(n)] for d in drives]) for n in ("speed", "steering_wheel_angle")
     )
-    own = VEHICLES.load(fit.spec.vehicle).STATES
+    own = VEHICLES.load(spec.vehicle).STATES
     hidden = [s for s in own if s not in model.outputs]
     content: dict[str, Any] = {
         "name": "posterior",
@@ -46,12 +49,12 @@ def posterior_study(fit: Fit, drives: Sequence[DriveData]) -> str:
         "seed": 1,
         "targets": [*hidden, *(s for s in own if s not in hidden)][:2],
         "plant": {
-            "vehicle": fit.spec.vehicle,
-            "parameters": "parameters.toml",
-            "sensors": fit.spec.sensors,
-            "integrator": fit.spec.integrator,
-            "step": fit.spec.step,
-            "substeps": fit.spec.substeps,
+            "vehicle": spec.vehicle,
+            "parameters": file,
+            "sensors": spec.sensors,
+            "integrator": spec.integrator,
+            "step": spec.step,
+            "substeps": spec.substeps,
         },
         "drive": [
             {

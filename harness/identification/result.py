@@ -313,7 +313,8 @@ def write_outcome(folder: Path, fit: Fit, judged: list[Judged], source: str) -> 
         "identify.json": json.dumps(record(fit, judged), indent=2) + "\n",
     }
     fitted = [j.drive for j in judged if not j.held_out]
-    if not failure(judged) and (text := posterior_study(fit, fitted)):
+    errors = [(e.name, e.error) for e in fit.estimates if e.name in fit.spec.values]
+    if not failure(judged) and (text := posterior_study(fit.spec, "parameters.toml", errors, fitted)):
         contents[STUDY] = text
     return write_files(folder, contents)
 

@@ -81,7 +81,7 @@ def test_parameters_of_sensors_that_the_plant_does_not_have_play_no_part(study):
 def test_a_damaged_result_is_refused(study, tmp_path):
     study()
     (tmp_path / "fit/identify.json").write_text('{"estimates": [{"name": 1}]}')
-    with pytest.raises(UserError, match="no result of 'harness identify'"):
+    with pytest.raises(UserError, match="no result of harness identify or trace"):
         build_study(CONTENT, "posterior.toml")
 
 

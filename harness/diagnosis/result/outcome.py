@@ -5,10 +5,14 @@ Cautions come before the answer: fits that ended at a bound, models that cannot 
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from harness.common.arrays import Floats
 from harness.common.failures import RAISED, Failures
 from harness.config import ModelSpec
 from harness.diagnosis.criteria import WHITE
@@ -122,6 +126,25 @@ class Outcome:
     def cautions(self) -> tuple[str, ...]:
         """Parameters that a fit took to a bound, and whether the stated model could not have been driven."""
         return cautions(self.trace)
+
+    @functools.cached_property
+    def _uncertainty(self) -> tuple[list[int], Floats, Floats]:
+        errors, correlation = self.trace.fitting.uncertainty(self.trace.final)
+        moved = self.trace.final.coordinates[: len(errors)]
+        rows = [i for i, c in enumerate(moved) if not c.drives and c.name in self.amended.values]
+        return rows, errors[rows], correlation[np.ix_(rows, rows)]
+
+    @property
+    def estimates(self) -> list[tuple[str, float, float]]:
+        """All that was fitted of the amended model but what each drive has of its own: name, value, standard error."""
+        rows, errors, _ = self._uncertainty
+        names = [self.trace.final.coordinates[i].name for i in rows]
+        return [(n, self.amended.values[n], float(e)) for n, e in zip(names, errors, strict=True)]
+
+    @property
+    def correlation(self) -> Floats:
+        """Correlation of the estimates ``(n, n)``."""
+        return self._uncertainty[2]
 
     @property
     def posterior(self) -> Posterior | None:

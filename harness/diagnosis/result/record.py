@@ -28,6 +28,7 @@ from harness.diagnosis.result.study_gain import StudyGain
 from harness.diagnosis.selection.acceptance import Candidate, Round
 from harness.diagnosis.selection.posterior import ComparedModel, Posterior
 from harness.diagnosis.selection.validation import Judgement
+from harness.identification.posterior_study import STUDY, posterior_study
 from harness.identification.result import FILE, series_of
 from harness.models.assembly.placement import load_effect, ports_of, split
 from harness.models.assembly.plan import GroundPlan, planner
@@ -35,6 +36,8 @@ from harness.models.roles import VEHICLES
 from harness.models.signals import SIGNALS
 
 AMENDED = "amended.toml"
+
+_ESTIMATE = ("name", "value", "standard_error")
 
 SCHEMA_VERSION = 2
 """Version of the keys of ``trace.json``: one more when a key is removed or changes its meaning."""
@@ -67,6 +70,8 @@ def _search(outcome: Outcome) -> dict[str, Callable[[], Any]]:
         "refused": lambda: _refused(outcome, outputs),
         "confounded": lambda: [_direction(d) for d in outcome.confounded],
         "refitted": lambda: _refitted(outcome),
+        "estimates": lambda: [dict(zip(_ESTIMATE, row, strict=True)) for row in outcome.estimates],
+        "correlation": lambda: outcome.correlation.tolist(),
         "measured_ranges": lambda: _measured_ranges(trace.fitting.augmented),
         "discrepancy": lambda: _discrepancy(outcome),
         "baseline": lambda: record_of_changes(outcome),
@@ -354,7 +359,14 @@ def _models(outcome: Outcome) -> dict[str, str]:
     }
     if outcome.refused is not None:  # a model that is worse than the nominal one is not offered
         return nominal
-    return {**nominal, AMENDED: set_text(outcome.amended, f"harness trace on {names}", comments)}
+    study = posterior_study(
+        outcome.amended,
+        AMENDED,
+        [(name, error) for name, _, error in outcome.estimates],
+        outcome.trace.fitting.drives,
+    )
+    amended = {AMENDED: set_text(outcome.amended, f"harness trace on {names}", comments)}
+    return {**nominal, **amended, **({STUDY: study} if study else {})}
 
 
 def ranking_record(localisation: Localisation, plan: GroundPlan | None) -> list[dict[str, Any]]:
