@@ -62,7 +62,7 @@ def test_a_factor_of_its_own_stands_in_place_of_an_estimate(study):
     ("change", "said"),
     [
         ({"sampling": "sobol"}, "sampling = 'population'"),
-        ({"posterior": "nowhere"}, "there is no identify.json in 'nowhere'"),
+        ({"posterior": "nowhere"}, "no trace.json in 'nowhere'"),
         ({"estimates": {"mass": (1600.0, 20.0), "trailer_mass": (9.0, 1.0)}}, "no parameter 'trailer_mass'"),
         ({"estimates": {"mass": (1600.0, None), "yaw_inertia": (1.0, 1.0)}}, "no error of 'mass'"),
         ({"estimates": {"mass": (1600.0, 0.0), "yaw_inertia": (1.0, 1.0)}}, "no error of 'mass'"),
