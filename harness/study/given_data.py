@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,7 +29,7 @@ from harness.common.statistics import Interval, over_replicates
 from harness.study.gaussian_process import Regression, fitted
 
 MOST_PLAYERS = 8
-"""Groups up to which Shapley effects are estimated: they need a share of every set of them."""
+"""Groups up to which Shapley effects are of all sets of them, beyond it of orders at random."""
 
 _MOST_TRAINED = 1024
 """Points that a regression is made from."""
@@ -45,7 +45,7 @@ class Shares:
     Attributes:
         first: Closed Sobol indices.
         total: Total Sobol indices.
-        shapley: Shapley effects; empty for more than ``MOST_PLAYERS`` groups.
+        shapley: Shapley effects.
         explained: Share that all factors explain together; the rest is noise, and what the regression misses.
     """
 
@@ -56,9 +56,8 @@ class Shares:
 
     @property
     def order(self) -> list[int]:
-        """Groups from the largest Shapley effect, or else total index, to the smallest."""
-        by = self.shapley or self.total
-        return [int(i) for i in np.argsort([-share.value for share in by], kind="stable")]
+        """Groups from the largest Shapley effect to the smallest."""
+        return [int(i) for i in np.argsort([-share.value for share in self.shapley], kind="stable")]
 
 
 def shares(
@@ -93,10 +92,11 @@ def shares(
 
     players = range(len(groups))
     everything = closed(players)
-    effects: tuple[Interval, ...] = ()
     if len(groups) <= MOST_PLAYERS:
         known = {s: closed(s) for k in range(len(groups) + 1) for s in itertools.combinations(players, k)}
         effects = tuple(share(_shapley(player, len(groups), known)) for player in players)
+    else:
+        effects = tuple(map(share, _of_orders(len(groups), len(outcome), closed)))
     return Shares(
         tuple(share(closed([player])) for player in players),
         tuple(share(everything - closed([p for p in players if p != player])) for player in players),
@@ -113,6 +113,25 @@ def _shapley(player: int, count: int, known: dict[tuple[int, ...], Floats]) -> F
             orders = math.factorial(len(before)) * math.factorial(count - len(before) - 1) / math.factorial(count)
             total += orders * (known[tuple(sorted((*before, player)))] - worth)
     return total
+
+
+def _of_orders(count: int, scramblings: int, closed: Callable[[Sequence[int]], Floats]) -> Floats:
+    """Return Shapley values from random orders, of the shape of the worths ``(players, scrambling + 1)``.
+
+    In the mean over random orders, each player adds its Shapley value (Castro et al. 2009, doi
+    10.1016/j.cor.2008.04.004). Each scrambling has an order and its reverse of its own, so that the scatter between
+    scramblings is that of orders as well.
+    """
+    rng, values = np.random.default_rng(0), np.zeros((count, scramblings + 1))
+    for r in range(scramblings):
+        order = [int(player) for player in rng.permutation(count)]
+        for each in (order, order[::-1]):
+            worths = [closed(each[:k]) for k in range(count + 1)]
+            for k, player in enumerate(each):
+                added = worths[k + 1] - worths[k]
+                values[player, r] += added[r] / 2.0
+                values[player, -1] += added[-1] / (2.0 * scramblings)
+    return values
 
 
 class _Variances:

@@ -168,3 +168,22 @@ def test_intervals_hold_the_known_share_as_often_as_they_say(case):
     print(case, {kind: np.mean(rows, axis=0).round(3).tolist() for kind, rows in held.items()})
     for kind in ("first", "shapley"):
         assert 0.93 <= np.mean(held[kind]) <= 0.97
+
+
+def test_more_factors_than_there_are_orders_for():
+    """Five correlated pairs: a linear function has its effects in closed form (Owen and Prieur 2017, section 4)."""
+    slopes, rho = np.array([3.0, 1.0, 2.0, 2.0, 1.0, 0.5, 0.0, 1.0, 0.5, 0.5]), 0.7
+    correlation = np.kron(np.eye(5), np.array([[1.0, rho], [rho, 1.0]]))
+    first, second = slopes[::2], slopes[1::2]
+    both, shared = rho * first * second, rho**2 * (second**2 - first**2) / 2.0
+    true = np.stack([first**2 + both + shared, second**2 + both - shared], axis=1).ravel()
+    true /= slopes @ correlation @ slopes
+    unit = np.stack([scrambled_points(64, 10, (5, k)) for k in range(8)])
+    scores = ndtri(np.clip(unit, 2.0**-31, 1 - 2.0**-31)) @ np.linalg.cholesky(correlation).T
+    estimated = shares(scores, scores @ slopes, correlation, [(i,) for i in range(10)])
+    values = np.array([share.value for share in estimated.shapley])
+    np.testing.assert_allclose(values, true, atol=0.03)
+    assert values.sum() == pytest.approx(estimated.explained.value)
+    inside = [share.lower <= value <= share.upper for share, value in zip(estimated.shapley, true, strict=True)]
+    assert sum(inside) >= 8
+    assert max(share.upper - share.lower for share in estimated.shapley) < 0.15

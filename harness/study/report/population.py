@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from harness.common.arrays import Floats
 from harness.config import StudySpec
@@ -89,11 +90,12 @@ class Population:
     def _shares(self, scores: Floats, outcome: Floats) -> Shares | None:
         if not np.isfinite(outcome).all():
             return None
-        return shares(scores, outcome.reshape(self.scramblings, -1), self.correlation, list(self.groups.values()))
+        with threadpool_limits(1):  # thousands of small products, for which threads wait longer than they work
+            return shares(scores, outcome.reshape(self.scramblings, -1), self.correlation, list(self.groups.values()))
 
     def order(self, target: int) -> list[int]:
         """Return the groups by their mean share over the estimators, largest first."""
-        sizes = [[s.value for s in (own.shapley or own.total)] for own in self.shares[target] if own is not None]
+        sizes = [[s.value for s in own.shapley] for own in self.shares[target] if own is not None]
         return [int(i) for i in np.argsort(-np.mean(sizes, axis=0), kind="stable")] if sizes else []
 
     def best(self, target: int) -> int:

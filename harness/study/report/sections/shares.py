@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from harness.models.quantities import capital, listed
 from harness.reporting.document import Block, Bullets, Picture, Prose, Sheet, plain, strong
-from harness.study.given_data import FEWEST, MOST_PLAYERS, Shares
+from harness.study.given_data import FEWEST, MOST_PLAYERS
 from harness.study.report.analysis import Analysis
 from harness.study.report.population import Population
 from harness.study.report.sections.sensitivity import NAMED, dots, in_table, told
@@ -42,11 +42,11 @@ def in_short(population: Population) -> list[str]:
         own = population.shares[t][population.best(t)]
         if own is None:
             continue
-        sizes, names = own.shapley or own.total, population.named(own.order[:NAMED])
-        parts = [f"{name} {100 * sizes[i].value:.0f} %" for name, i in zip(names, own.order, strict=False)]
+        large = [i for i in own.order[:NAMED] if own.shapley[i].lower > 0.005]
+        parts = [f"{n} {100 * own.shapley[i].value:.0f} %" for n, i in zip(population.named(large), large, strict=True)]
         sentences.append(
-            f"With {population.design.estimators[population.best(t)]}, the variance of the error of the "
-            f"{target.words} is due to {listed(parts)}."
+            f"With {population.design.estimators[population.best(t)]}, the variance of the error of the {target.words} "
+            + (f"is due to {listed(parts)}." if parts else "is due to none of the factors.")
         )
     return sentences
 
@@ -57,18 +57,13 @@ def _words(population: Population) -> list[str]:
         e = population.best(t)
         if (own := population.shares[t][e]) is None:
             continue
-        sizes = own.shapley or own.total
-        parts = [f"{n} {told(sizes[i])}" for n, i in zip(population.named(own.order), own.order, strict=True)]
+        parts = [f"{n} {told(own.shapley[i])}" for n, i in zip(population.named(own.order), own.order, strict=True)]
         text = (
-            f"With {population.design.estimators[e]}, the {_kind(own)} in the error are {listed(parts)}; all factors "
-            f"together explain {told(own.explained)}."
+            f"With {population.design.estimators[e]}, the Shapley effects in the error are {listed(parts)}; all "
+            f"factors together explain {told(own.explained)}."
         )
         items.append(f"{strong(capital(target.words) + '.')} {plain(text)}")
     return items
-
-
-def _kind(own: Shares) -> str:
-    return "Shapley effects" if own.shapley else "total Sobol indices"
 
 
 def _rule(population: Population) -> str:
@@ -83,7 +78,7 @@ def _rule(population: Population) -> str:
         f"scramblings.{uncontrolled(design)}"
     )
     if len(population.groups) > MOST_PLAYERS:
-        text += f" Shapley effects need at most {MOST_PLAYERS} factors or groups; there are {len(population.groups)}."
+        text += " Shapley effects are means over orders at random, which their intervals allow for."
     if (change := float(attributes.get("correlation_change", 0.0))) > 0:
         text += (
             " The correlations that were stated are impossible together; the nearest correlation matrix was taken, "
@@ -97,15 +92,13 @@ def _picture(analysis: Analysis, population: Population, target: int) -> Picture
     order, rows = population.order(target), []
     for name, own in zip(design.estimators, population.shares[target], strict=True):
         if own is not None:
-            sizes = own.shapley or own.total
-            rows.append((name, [sizes[i] for i in order], [own.first[i].value for i in order]))
+            rows.append((name, [own.shapley[i] for i in order], [own.first[i].value for i in order]))
     question = f"Which factors make the error of the {quantity.words} vary in the population?"
     svg = dots(analysis, rows, population.named(order), question, "share of the variance of the RMSE")
-    shown = next(own for own in population.shares[target] if own is not None)
     caption = (
         f"Shares in the variance of the RMSE of {quantity.words}, design “{design.name}”, n = "
-        f"{design.status[:, 0].size} runs of each estimator. Filled: {_kind(shown)} with 95 % interval; open: "
-        "first-order Sobol index."
+        f"{design.status[:, 0].size} runs of each estimator. Filled: Shapley effects with 95 % interval; "
+        "open: first-order Sobol index."
     )
     return Picture(svg, caption, question)
 
