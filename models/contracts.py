@@ -49,7 +49,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -57,6 +57,22 @@ from harness.common.arrays import Floats
 
 DRIVE_INPUTS: tuple[str, ...] = ("steering_wheel_angle", "speed")
 """What a drive states over time; a vehicle's first state may be taken from it."""
+
+
+class Draws(Protocol):
+    """Random numbers of runs; see ``Readings``."""
+
+    def normal(self, stream: str, shared: bool = False) -> Floats:
+        """Return standard normal numbers."""
+        ...
+
+    def uniform(self, stream: str) -> Floats:
+        """Return numbers from 0 to 1."""
+        ...
+
+    def gamma(self, stream: str, shape: Floats) -> Floats:
+        """Return numbers of the gamma distribution."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -68,7 +84,8 @@ class Readings:
         noise: The white noise that is in them, same shape.
         deviation: Standard deviation of that noise ``(..., 1, lanes)``.
         step: Sample time in s.
-        parameter, numbers: What ``p`` and ``normal`` return, by name.
+        parameter: What ``p`` returns.
+        draws: What random numbers come from.
     """
 
     values: Floats
@@ -76,7 +93,7 @@ class Readings:
     deviation: Floats
     step: float
     parameter: Callable[[str], Floats]
-    numbers: Callable[[str, bool], Floats]
+    draws: Draws
 
     @property
     def samples(self) -> Floats:
@@ -99,7 +116,15 @@ class Readings:
             stream: Name among those of the degradation; other streams are independent.
             shared: Whether all sensors get the same numbers.
         """
-        return self.numbers(stream, shared)
+        return self.draws.normal(stream, shared)
+
+    def uniform(self, stream: str) -> Floats:
+        """Return numbers as ``normal`` does, evenly distributed from 0 to 1."""
+        return self.draws.uniform(stream)
+
+    def gamma(self, stream: str, shape: Floats) -> Floats:
+        """Return numbers as ``normal`` does of the gamma distribution of a shape ``(..., 1, lanes)`` and unit scale."""
+        return self.draws.gamma(stream, shape)
 
 
 @dataclass(frozen=True)

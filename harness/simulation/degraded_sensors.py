@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import gammaincinv, ndtr
 
 from harness.common.arrays import Floats
 from harness.engine.standard_normal import seed_words, standard_normal
@@ -38,8 +40,8 @@ def degrade(model: StateSpaceModel, measurements: Floats, held: Held, noise: Flo
         row = list(model.outputs).index(output)
         deviation = np.sqrt(held.measurement_noise[..., row, None, :])
         white = deviation * noise[..., row - len(model.outputs), :]
-        parameter, numbers = _parameters(model, name, output, held.values), _numbers(name, output, keys, white.shape)
-        readings = Readings(measurements[..., row, :], white, deviation, step, parameter, numbers)
+        parameter, draws = _parameters(model, name, output, held.values), _Draws(name, output, keys, white.shape)
+        readings = Readings(measurements[..., row, :], white, deviation, step, parameter, draws)
         measurements[..., row, :] = load_effect(name).degrade(readings)
 
 
@@ -56,11 +58,21 @@ def _parameters(model: StateSpaceModel, name: str, output: str, values: Floats) 
     return parameter
 
 
-def _numbers(name: str, output: str, keys: NDArray[np.uint64], shape: tuple[int, ...]) -> Callable[[str, bool], Floats]:
-    """Return what draws standard normal numbers of a shape ``(..., samples, LANES)``, from a key for each run."""
+@dataclass(frozen=True)
+class _Draws:
+    """Random numbers of a shape ``(..., samples, LANES)`` for a degradation of an output, from a key for each run."""
 
-    def numbers(stream: str, shared: bool) -> Floats:
-        words = seed_words(zlib.crc32(f"{name} {'' if shared else output} {stream}".encode()), keys)
-        return standard_normal(words, shape[-2], 1).reshape(shape)
+    name: str
+    output: str
+    keys: NDArray[np.uint64]
+    size: tuple[int, ...]
 
-    return numbers
+    def normal(self, stream: str, shared: bool = False) -> Floats:
+        words = seed_words(zlib.crc32(f"{self.name} {'' if shared else self.output} {stream}".encode()), self.keys)
+        return standard_normal(words, self.size[-2], 1).reshape(self.size)
+
+    def uniform(self, stream: str) -> Floats:
+        return np.asarray(ndtr(self.normal(stream)))
+
+    def gamma(self, stream: str, shape: Floats) -> Floats:
+        return np.asarray(gammaincinv(shape, self.uniform(stream)))

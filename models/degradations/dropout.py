@@ -7,7 +7,6 @@ the mean the share $s$ of the samples is missing.
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import ndtr
 
 from harness.common.arrays import Floats
 from harness.models.contracts import Parameter, Readings
@@ -21,6 +20,6 @@ PARAMETERS: tuple[Parameter, ...] = (
 def degrade(r: Readings) -> Floats:
     """Return the readings with gaps."""
     length = np.maximum(np.round(r.p("dropout_length") / r.step), 1.0)
-    begins = ndtr(r.normal("bursts")) < 1.0 - (1.0 - r.p("dropout_share")) ** (1.0 / length)
+    begins = r.uniform("bursts") < 1.0 - (1.0 - r.p("dropout_share")) ** (1.0 / length)
     latest = np.maximum.accumulate(np.where(begins, r.samples, -np.inf), axis=-2)
     return np.where(r.samples - latest < length, np.nan, r.values)

@@ -7,7 +7,6 @@ degrees of freedom.
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import gammaincinv, ndtr
 
 from harness.common.arrays import Floats
 from harness.models.contracts import Parameter, Readings
@@ -20,5 +19,5 @@ PARAMETERS: tuple[Parameter, ...] = (
 def degrade(r: Readings) -> Floats:
     """Return the readings with Student's t in place of normal noise."""
     tail = np.maximum(r.p("noise_tail"), 1e-6)
-    scale = np.sqrt(0.5 / (tail * gammaincinv(0.5 / tail, ndtr(r.normal("chi")))))
+    scale = np.sqrt(0.5 / (tail * r.gamma("chi", 0.5 / tail)))
     return np.where(r.p("noise_tail") > 0.0, r.values + r.noise * (scale - 1.0), r.values)

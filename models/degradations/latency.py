@@ -8,7 +8,6 @@ Readings from before the first sample are missing.
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import ndtr
 
 from harness.common.arrays import Floats
 from harness.models.contracts import Parameter, Readings
@@ -21,6 +20,6 @@ PARAMETERS: tuple[Parameter, ...] = (
 
 def degrade(r: Readings) -> Floats:
     """Return the readings that have arrived at each sample."""
-    late = np.round((r.p("latency_delay") + r.p("latency_jitter") * ndtr(r.normal("jitter"))) / r.step)
+    late = np.round((r.p("latency_delay") + r.p("latency_jitter") * r.uniform("jitter")) / r.step)
     rows = np.broadcast_to(r.samples - late, r.values.shape).astype(int)
     return np.where(rows < 0, np.nan, np.take_along_axis(r.values, np.maximum(rows, 0), axis=-2))

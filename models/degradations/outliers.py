@@ -7,7 +7,6 @@ the standard deviation of the sensor's noise.
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import ndtr
 
 from harness.common.arrays import Floats
 from harness.models.contracts import Parameter, Readings
@@ -20,5 +19,5 @@ PARAMETERS: tuple[Parameter, ...] = (
 
 def degrade(r: Readings) -> Floats:
     """Return the readings with outliers."""
-    off = ndtr(r.normal("which")) < r.p("outlier_share")
+    off = r.uniform("which") < r.p("outlier_share")
     return np.where(off, r.values + r.p("outlier_size") * r.deviation * r.normal("size"), r.values)

@@ -258,5 +258,5 @@ def test_a_squared_error_by_a_covariance_that_has_no_inverse_is_none():
     mean = np.tile(np.array([1.0, 2.0, 5.0])[:, None], (1, 5))[None]
     history = SimpleNamespace(mean=mean[:, :2], state_covariance=np.moveaxis(covariance, 0, -1)[None])
     truth = np.tile(np.array([1.5, 9.0, 1.0])[:, None], (1, 5))[None]
-    nees = Scoring._nees(SimpleNamespace(truth=truth), history, np.array([0, 2]), slice(None))
+    nees = Scoring._nees(SimpleNamespace(truth=truth), history, np.array([0, 2]), np.zeros(2), slice(None))
     np.testing.assert_allclose(nees[0], [0.25 + 1.0, 0.25 / 4 + 1.0 / 0.25, np.nan, np.nan, np.nan])
