@@ -322,6 +322,28 @@ def test_packed_blocks_of_an_mdf_file_hold_what_they_state(tmp_path, stated):
         readers.read_tables(path)
 
 
+@pytest.mark.parametrize("version", ["4.10", "3.30"])
+def test_a_channel_of_an_mdf_file_lies_within_the_records(tmp_path, version):
+    """What lies beyond them would be read from any memory, and that ends the process."""
+    path = tmp_path / ("a.mf4" if version == "4.10" else "a.mdf")
+    with MDF(version=version) as file:
+        file.append([Signal(np.arange(100.0), np.arange(1e2), name="speed")])
+        file.save(path)
+    assert readers.read_tables(path)[0].columns["speed"][-1] == 99.0
+    content = bytearray(path.read_bytes())
+    if version == "4.10":  # behind the links: types, bit offset, byte offset
+        at = content.index(b"##CN")
+        place = at + 24 + 8 * int.from_bytes(content[at + 16 : at + 24], "little") + 4
+        content[place : place + 4] = (64).to_bytes(4, "little")
+    else:  # behind links, type, names: start offset in bits
+        at = content.index(b"CN")
+        place = at + 4 + 5 * 4 + 2 + 32 + 128
+        content[place : place + 2] = (640).to_bytes(2, "little")
+    path.write_bytes(content)
+    with pytest.raises(UserError, match="lies beyond the records of its group"):
+        readers.read_tables(path)
+
+
 def test_a_minute_of_a_busy_bus_takes_a_fraction_of_a_second_and_little_memory(log, tmp_path):
     path = bus_logs.long_blf(tmp_path / "long.blf", 300_000)  # a tenth of ten minutes, within a tenth of 5 s and 1 GB
     readers.read_tables(log[2]["blf"], None, [str(log[1])])

@@ -35,6 +35,9 @@ _DATA = "CAN_DataFrame."
 _OF_DLC = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64], dtype=np.uint8)
 """Bytes by the code for the length of a frame (ISO 11898-1)."""
 
+_VIRTUAL = (3, 6)
+"""Types of channels whose values follow from the number of a sample, so that no record holds them."""
+
 _PACKED = struct.Struct("<26xB5xQQ")
 """Head of a packed block: how it is packed, bytes unpacked, bytes packed."""
 _DEFLATED = (0, 1)
@@ -136,7 +139,8 @@ def _refuse_sizes(file: Any, path: str) -> None:
 
     Raises:
         UserError: If it is larger than any recording.
-        ValueError: If a group claims more samples than the file can hold.
+        ValueError: If a group claims more samples than the file can hold, or a channel bytes beyond the records, which
+            asammdf would read from whatever memory lies there.
     """
     size, channels, values = os.path.getsize(path), 0, 0
     for index, group in enumerate(file.groups):
@@ -144,10 +148,24 @@ def _refuse_sizes(file: Any, path: str) -> None:
         claimed = about.cycles_nr * (about.samples_byte_nr + getattr(about, "invalidation_bytes_nr", 0))
         if claimed > _DEFLATE * size:
             raise ValueError(f"channel group {index} claims {claimed} bytes of samples in a file of {size}")
+        for channel in group.channels:
+            if _end(channel) > 8 * about.samples_byte_nr:
+                raise ValueError(f"channel '{channel.name}' lies beyond the records of its group")
         channels += len(group.channels)
         values += len(group.channels) * about.cycles_nr
     refuse_beyond(path, "the file", channels, MOST_COLUMNS, "channels")
     refuse_beyond(path, "the file, unpacked,", 8 * values, MOST_BYTES, "bytes")
+
+
+def _end(channel: Any) -> int:
+    """Return the first bit of a record behind a channel of version 4 or 3; 0 of one that records do not hold."""
+    if getattr(channel, "channel_type", 0) in _VIRTUAL:
+        return 0
+    if hasattr(channel, "start_offset"):
+        begin = channel.start_offset + 8 * getattr(channel, "additional_byte_offset", 0)
+    else:
+        begin = 8 * channel.byte_offset + channel.bit_offset
+    return int(begin + channel.bit_count)
 
 
 def _tables(file: Any) -> list[Table]:
