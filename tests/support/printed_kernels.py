@@ -156,9 +156,22 @@ def counters(x, y):
     put(i, y, 4)
 
 
+def copied(x, y):
+    put(get(x, 1), y, 0)
+    return get(x, 2)
+
+
+def branched(x, y):
+    total = splat(-5.0)
+    if any_of(get(x, 0) > 0.0):
+        total = maximum(total, copied(x, y))
+        put(2.0 * total, y, 1)
+    put(total, y, 2)
+
+
 KERNELS = (
     parameters_assigned, in_order, counters,
-    swapped, first_alone, over_a_table, behind_zero, early, made_within, followed, cut, elementary, by_field,
+    swapped, first_alone, over_a_table, behind_zero, early, made_within, followed, cut, elementary, by_field, branched,
 )  # fmt: skip
 
 

@@ -346,7 +346,8 @@ class Function(Expressions):
 
     def keep_early(self, value: Value, mark: int) -> Value:
         """Read a value before the statements from a place on, which may change it."""
-        later, self.statements = self.statements[mark:], self.statements[:mark]
+        later = self.statements[mark:]
+        del self.statements[mark:]  # in place: the block around it holds this very list
         kept = mapped(value, partial(self._read, "early"))
         self.statements += later
         return kept
