@@ -85,13 +85,20 @@ class ExportedEstimator(Shown):
         return self._exported.answer
 
     def write(self, folder: str | Path) -> list[Path]:
-        """Write the files into a folder, made if absent; return their paths.
+        """Write the files into a folder, made if absent or of an earlier export; return their paths.
 
         Raises:
-            UserError: If the folder cannot be written to.
+            UserError: If the folder cannot be written to, or holds files of these names that are of something else.
         """
+        from harness.common.errors import UserError
         from harness.common.files import write_files
 
+        there = [name for name in self.files if (Path(folder) / name).exists()]
+        if there and f"{self.name}.h" not in there:
+            raise UserError(
+                f"{folder}: holds '{there[0]}', which is not of the estimator '{self.name}' and would be written over; "
+                "take another folder"
+            )
         return write_files(Path(folder), self.files)
 
     def _facts(self) -> Mapping[str, Any]:

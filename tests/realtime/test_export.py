@@ -67,6 +67,23 @@ def test_a_replay_that_differs_fails(tmp_path):
 
 
 @needs_compiler
+def test_a_replay_without_results_or_samples_is_no_check(tmp_path):
+    name = exported(tmp_path).export.name
+    text = (tmp_path / "replay.csv").read_text()
+    (tmp_path / "renamed.csv").write_text(text.replace("estimate_yaw_rate", "yaw_rate_estimate"))
+    (tmp_path / "empty.csv").write_text(text.splitlines()[0] + "\n")
+    made(tmp_path, "all")
+    done = [
+        subprocess.run([f"./{name}", "check", file], cwd=tmp_path, capture_output=True, text=True, check=False)
+        for file in ("renamed.csv", "empty.csv")
+    ]
+    assert [each.returncode for each in done] == [2, 1]
+    assert "has no column 'estimate_yaw_rate' to compare with" in done[0].stderr
+    assert "0 samples" in done[1].stdout
+    assert "FAILED" in done[1].stdout
+
+
+@needs_compiler
 def test_a_csv_of_ones_own(tmp_path):
     name = exported(tmp_path).export.name
     made(tmp_path, "all")
@@ -192,5 +209,12 @@ def test_the_command(tmp_path, monkeypatch):
     done = CliRunner().invoke(app, ["export", "car.toml", "--duration", "2 s", "--name", "my filter"])
     assert done.exit_code == 0, done.output
     assert (tmp_path / "results/export-my_filter/my_filter.c").is_file()
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine/Makefile").write_text("all:\n")
+    for folder in ("mine", "results/export-my_filter"):  # of the user's own, and of another estimator
+        done = CliRunner().invoke(app, ["export", "car.toml", "--duration", "2 s", "--out", folder])
+        assert done.exit_code == 2
+        assert "would be written over; take another folder" in done.output
+    assert (tmp_path / "mine/Makefile").read_text() == "all:\n"
     done = CliRunner().invoke(app, ["export", "car.toml", "-e", "UKF"])
     assert done.exit_code == 2

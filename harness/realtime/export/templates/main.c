@@ -87,6 +87,10 @@ int main(int argc, char **argv) {
     }
     for (int i = 0; i < RESULTS; i++) {
         expected[i] = column_of(results[i], count);
+        if (checks && expected[i] < 0 && i < @UPPER@_ESTIMATES) {
+            fprintf(stderr, "%s has no column '%s' to compare with\n", path, results[i]);
+            return 2;
+        }
         printf("%s%s", checks ? "" : results[i], checks ? "" : ",");
     }
     fputs(checks ? "" : "outside\n", stdout);
@@ -121,6 +125,7 @@ int main(int argc, char **argv) {
         failed = failed || !(relative <= tolerance);
         printf("%-40s %.3g of its largest magnitude %.6g\n", results[i], relative, largest[i]);
     }
+    failed = failed || (checks && samples == 0);
     if (checks) {
         printf("%ld samples, %lu bytes of memory: %s\n", samples, (unsigned long) sizeof estimator,
                failed ? "FAILED" : "as recorded");
