@@ -296,7 +296,8 @@ def _next(written: Sequence[Path]) -> None:
     """Print the command that goes on from a result, if a study of what it leaves open was written."""
     for path in written:
         if path.name == "posterior.toml":
-            Console().print(Text(f"next: harness run {path}"), style="bold", soft_wrap=True)
+            line = f"next: harness run {path} --out {path.with_suffix('')}"
+            Console().print(Text(line), style="bold", soft_wrap=True)
 
 
 def loop(

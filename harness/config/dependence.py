@@ -95,6 +95,8 @@ def resolve_groups(
         problems.add(f"{key}.groups", "groups belong to sampling = 'population'; remove the key")
     names, taken = [f.written for f in factors], dict[str, str]()
     for group, members in groups.items():
+        if group in names and members != [group]:
+            problems.add(f"{key}.groups.{group}", "a factor has this name; take another for the group")
         for i, name in enumerate(members):
             place = f"{key}.groups.{group}[{i}]"
             if name not in names:

@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaincinv, ndtr
 
 from harness.common.arrays import Floats
+from harness.common.components import place_of
+from harness.common.errors import UserError
 from harness.engine.standard_normal import seed_words, standard_normal
 from harness.models.assembly.degradation import parameter_of
 from harness.models.assembly.model import StateSpaceModel
@@ -42,7 +45,23 @@ def degrade(model: StateSpaceModel, measurements: Floats, held: Held, noise: Flo
         white = deviation * noise[..., row - len(model.outputs), :]
         parameter, draws = _parameters(model, name, output, held.values), _Draws(name, output, keys, white.shape)
         readings = Readings(measurements[..., row, :], white, deviation, step, parameter, draws)
-        measurements[..., row, :] = load_effect(name).degrade(readings)
+        measurements[..., row, :] = _degraded(load_effect(name), readings)
+
+
+def _degraded(file: ModuleType, readings: Readings) -> Floats:
+    """Return what a degradation makes of readings.
+
+    Raises:
+        UserError: If it is not one number for each.
+    """
+    degraded = file.degrade(replace(readings, values=readings.values.copy()))
+    if not isinstance(degraded, np.ndarray) or degraded.shape != readings.values.shape:
+        got = f"the shape {degraded.shape}" if isinstance(degraded, np.ndarray) else type(degraded).__name__
+        raise UserError(
+            f"{place_of(file)}: degrade(readings) returns {got} in place of an array of the shape of readings.values, "
+            f"{readings.values.shape}"
+        )
+    return degraded
 
 
 def _parameters(model: StateSpaceModel, name: str, output: str, values: Floats) -> Callable[[str], Floats]:

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import ModuleType
 
-from harness.common.errors import ModelError
+from harness.common.errors import ModelError, closest
 from harness.models.contracts import Parameter
 from harness.models.roles import DEGRADATIONS, EFFECTS
 from harness.models.signals import MAGNITUDE, SIGNALS
@@ -178,6 +178,9 @@ def load_effect(name: str) -> ModuleType:
         ModelError: If there is no such file, or an effect that has no places is given one.
     """
     file, place = split(name)
+    if not is_degradation(file) and file not in EFFECTS.components():
+        names = [*EFFECTS.names(), *DEGRADATIONS.names()]
+        raise ModelError(f"unknown effect '{file}'{closest(file, names)}")
     effect = (DEGRADATIONS if is_degradation(file) else EFFECTS).load(file)
     if place is not None and not place_of(effect):
         raise ModelError(f"effect '{file}' acts on the whole vehicle; write '{file}' without '@{place}'")

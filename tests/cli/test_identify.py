@@ -55,7 +55,7 @@ def test_a_fit_writes_a_set_that_loads_its_numbers_and_a_report(folder, tmp_path
     spec = resolve_single(table, "test")
     assert spec.values["stiffness_over_load_front"] == front["value"]
     assert spec.measurement_noise["yaw_rate"] == estimates["measurement_noise yaw_rate"]["value"]
-    assert done.stdout.rstrip().endswith(f"next: harness run {tmp_path / 'posterior.toml'}")
+    assert f"next: harness run {tmp_path / 'posterior.toml'} --out {tmp_path / 'posterior'}" in done.stdout
     factors = load_study(tmp_path / "posterior.toml").designs[0].factors
     (factor,) = [f for f in factors if f.parameter == "stiffness_over_load_front"]
     assert factor.marginal.arguments[:2] == (front["value"], front["standard_error"])

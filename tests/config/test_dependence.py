@@ -92,6 +92,7 @@ REFUSED = {
     'correlation = [["payload_mass", "friction", 1]]': "correlation[0]: a correlation lies between -1 and 1, got 1",
     f'correlation = [{PAIR}, ["payload_from_rear", "payload_mass", 0.1]]': "correlation[1]: 'payload_from_rear' and "
     "'payload_mass' are correlated already",
+    'groups = { payload_mass = ["payload_from_rear"] }': "groups.payload_mass: a factor has this name",
     'groups = { load = ["payload"] }': "groups.load[0]: 'payload' is no factor of the design",
     'groups = { a = ["friction"], b = ["friction"] }': "groups.b[0]: 'friction' is in the group 'a' already",
     "scramblings = 7": "scramblings: input should be greater than or equal to 8, got 7",

@@ -185,6 +185,19 @@ def test_readings_of_a_run_are_the_same_however_runs_are_grouped():
     assert np.array_equal(turned[..., ::-1], alone, equal_nan=True)
 
 
+def test_what_is_no_reading_for_each_sample_is_refused_by_the_file_of_its_own(monkeypatch):
+    file = DEGRADATIONS.load("quantisation")
+    for wrong, got in ((lambda r: r.values[..., :3, :], r"the shape \(1, 3, "), (lambda r: None, "NoneType")):
+        monkeypatch.setattr(file, "degrade", wrong)
+        with pytest.raises(UserError, match=rf"quantisation.py: degrade\(readings\) returns {got}"):
+            read("quantisation", batches=1)
+
+
+def test_a_misspelt_degradation_is_told_the_closest_one():
+    with pytest.raises(ModelError, match="unknown effect 'quantization'; closest: quantisation"):
+        assemble("car", "linear", ["quantization"], ", ".join(OUTPUTS))
+
+
 # --- in studies
 
 STUDY = {
