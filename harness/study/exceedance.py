@@ -89,7 +89,13 @@ def quantile(errors: Floats, share: float, level: float = 0.95) -> Interval:
         return float(ordered[min(max(math.ceil(probability * errors.size) - 1, 0), errors.size)])
 
     value = at(share)
-    below = over_replicates(share, np.mean(errors <= value, axis=1), level)
+    inside = np.mean(errors <= value, axis=1)
+    if np.ptp(inside) == 0.0:  # so few points that the scramblings do not differ
+        from scipy.stats import binom
+
+        low, high = (int(binom.ppf(p, errors.size, share)) for p in ((1.0 - level) / 2.0, (1.0 + level) / 2.0))
+        return Interval(value, float(ordered[max(low - 1, 0)]), float(ordered[high]))
+    below = over_replicates(share, inside, level)
     upper = below.upper if below.upper < 1.0 else 1.0 + 1.0 / errors.size  # beyond the largest error nothing is known
     return Interval(value, at(below.lower), at(upper))
 
@@ -104,6 +110,6 @@ def tail_interval(errors: Floats, share: float = TAIL, level: float = 0.95) -> I
     """
     if not np.isfinite(errors).all():
         return Interval(np.inf, np.inf, np.inf)
-    begin = float(np.quantile(errors, 1.0 - share))
+    begin = float(np.quantile(errors, 1.0 - share, method="inverted_cdf"))
     each = begin + np.mean(np.maximum(errors - begin, 0.0), axis=1) / share
     return over_replicates(float(each.mean()), each - each.mean(), level)

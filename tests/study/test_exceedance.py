@@ -73,3 +73,14 @@ def test_lost_runs_exceed_every_limit_and_leave_no_tail_mean():
     assert np.isinf(quantile(errors, 0.99).upper)
     assert np.isfinite(quantile(errors, 0.5)).all()
     assert np.isinf(tail_interval(errors).value)
+
+
+def test_of_few_points_an_extreme_quantile_has_no_upper_end_and_no_tail_is_beyond_the_largest():
+    """Of 16 alike points nothing is known beyond the largest; the order statistics are those of the binomial law."""
+    errors = np.tile([0.1, 0.2], (8, 1)) + 1e-3 * np.arange(8)[:, None]
+    for share in (0.95, 0.99):
+        found = quantile(errors, share)
+        assert found.value == errors.max()
+        assert found.upper == np.inf
+        assert found.lower < found.value
+    assert tail_interval(errors).value == pytest.approx(errors.max())
