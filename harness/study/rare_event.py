@@ -13,6 +13,7 @@ import joblib
 import numpy as np
 
 from harness.common.arrays import Floats
+from harness.common.errors import UserError
 from harness.common.files import write_files
 from harness.config.specs import RareEventSpec
 from harness.study import rare_file
@@ -36,14 +37,19 @@ def write(evaluator: StudyEvaluator, folder: Path, jobs: int) -> None:
     if asked.items() <= rare_file.read(folder, study.hash).items():
         return
     design = study.design(spec.design)
-    event = rare_event(
-        lambda normal: largest_errors(evaluator, spec, values_of(design, normal), jobs),
-        len(design.factors),
-        spec.limit,
-        spec.samples,
-        study.seed,
-    )
-    write_files(folder, {rare_file.FILE: json.dumps({**asked, **asdict(event)}, indent=1) + "\n"})
+    try:
+        answer = asdict(
+            rare_event(
+                lambda normal: largest_errors(evaluator, spec, values_of(design, normal), jobs),
+                len(design.factors),
+                spec.limit,
+                spec.samples,
+                study.seed,
+            )
+        )
+    except UserError as error:  # which the report says: the study itself is done
+        answer = {"not_reached": str(error)}
+    write_files(folder, {rare_file.FILE: json.dumps({**asked, **answer}, indent=1) + "\n"})
 
 
 def largest_errors(evaluator: StudyEvaluator, spec: RareEventSpec, values: Floats, jobs: int) -> Floats:

@@ -22,6 +22,8 @@ def read(folder: Path, study_hash: str) -> dict[str, Any]:
         return {}
     with refuse_damaged(path, "JSON text", "delete it: 'harness run' computes it again"):
         content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        if not isinstance(content, dict) or not isinstance(content.get("probability"), float):
+        if not isinstance(content, dict) or not isinstance(content.get("probability", 0.0), float):
+            raise ValueError("holds no number 'probability'")
+        if "probability" not in content and not isinstance(content.get("not_reached"), str):
             raise ValueError("holds no number 'probability'")
     return content if content.get("study_hash") == study_hash else {}

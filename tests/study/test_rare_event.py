@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from harness.config import load_study
 from harness.study import rare_event, rare_file
 from harness.study.design import Unit, points, scrambled_points, values_of
 from harness.study.evaluate import StudyEvaluator
+from harness.study.report.sections.exceedance import rare
 from support.joint_study import HEAD, POPULATION
 
 ASKED = 'design = "fleet", target = "articulation_angle", samples = 200'
@@ -85,3 +87,18 @@ def test_the_probability_is_that_of_plain_monte_carlo(study_of, tmp_path):
     assert rare_file.read(tmp_path, asked.hash)["probability"] == 0.5
     rare_event.write(StudyEvaluator(study_of(f"{ASKED}, limit = {0.9 * limit!r}")), tmp_path, 2)
     assert 0.03 < rare_file.read(tmp_path, asked.hash)["probability"] != 0.5
+
+
+def test_a_limit_that_is_not_reached_costs_no_study(study_of, tmp_path, monkeypatch):
+    """The errors have a largest value, so no level gets to the limit; the scores are done, and the report says it."""
+    study = study_of(f'{ASKED}, limit = "100 deg"')
+    monkeypatch.setattr(rare_event, "largest_errors", lambda _, __, values, ___: 1.0 / (1.0 + np.abs(values[:, 0])))
+    rare_event.write(StudyEvaluator(study), tmp_path, 2)
+    kept = rare_file.read(tmp_path, study.hash)
+    assert "probability" not in kept
+    assert "the limit 1.74533 is not reached" in kept["not_reached"]
+    design = SimpleNamespace(name="fleet", targets=[SimpleNamespace(name="articulation_angle", scale=180 / np.pi,
+                             words="articulation angle", unit="°")])  # fmt: skip
+    (sentence,) = rare(SimpleNamespace(store=SimpleNamespace(rare_event=kept)), design)
+    assert "exceeds 100° with " in sentence
+    assert "is not known" in sentence

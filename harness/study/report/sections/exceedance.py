@@ -66,6 +66,12 @@ def rare(analysis: Analysis, design: Design) -> list[str]:
         return []
     quantity = next(q for q in design.targets if q.name == event["target"])
     limit = with_unit(event["limit"] * quantity.scale, quantity.unit)
+    if "not_reached" in event:
+        return [
+            f"How probable it is that the largest error of the {quantity.words} exceeds {limit} with "
+            f"{event['estimator']} is not known: subset simulation did not get there (in SI units, "
+            f"{event['not_reached']})."
+        ]
     effort = f"{len(event['thresholds'])} levels and {event['evaluations']} vehicles, which have the noise of the first"
     return [
         f"With {event['estimator']}, the largest error of the {quantity.words} on the worst drive exceeds {limit} with "
