@@ -12,6 +12,7 @@ import numpy as np
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.files import read_text
+from harness.config.bounds import out_of_bounds
 from harness.config.design_tables import DesignTable, DistributionTable, FactorTable
 from harness.config.problems import Problems
 from harness.config.specs import ModelSpec
@@ -75,6 +76,13 @@ def read_posterior(name: str, folder: Path, where: str) -> Posterior:
         correlation = table[np.ix_(kept, kept)] if table.size else np.eye(len(kept))
     except (ValueError, KeyError, TypeError, IndexError) as error:
         raise UserError(f"{where}: {path} is no result of harness identify or trace; run that again") from error
+    if failed := content.get("failed"):
+        raise UserError(f"{where}: {path}: {str(failed).rstrip('.')}; identify again")
+    shape, off = (len(names), len(names)), correlation - np.eye(len(correlation))
+    if not np.isfinite(values).all() or correlation.shape != shape or not np.abs(off).max(initial=0.0) <= 1.0 + 1e-6:
+        raise UserError(f"{where}: {path} holds values or correlations that no fit writes; run the command again")
+    if not np.allclose(correlation, correlation.T, atol=1e-6) or not np.allclose(np.diag(off), 0.0, atol=1e-6):
+        raise UserError(f"{where}: {path} holds correlations that no fit writes; run the command again")
     return Posterior(path, names, values, errors, correlation)
 
 
@@ -116,6 +124,11 @@ def with_posterior(raw: DesignTable, key: str, plant: ModelSpec, folder: Path, p
             "fit it no more",
         )
         return raw
+    declared = {p.name: p for p in model.parameters}
+    for i in drawn:
+        if (wrong := out_of_bounds(declared[posterior.names[i]], float(posterior.values[i]))) is not None:
+            problems.add(place, f"{posterior.file}: {wrong}")
+            return raw
     factors = [
         FactorTable(
             parameter=posterior.names[i],

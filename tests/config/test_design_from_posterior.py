@@ -26,12 +26,12 @@ def study(tmp_path, monkeypatch):
     """Return what builds the study beside the result of a fit, either of them changed."""
     monkeypatch.chdir(tmp_path)
 
-    def built(estimates=ESTIMATES, correlation=0.8, **design):
+    def built(estimates=ESTIMATES, correlation=0.8, failed=None, **design):
         (tmp_path / "fit").mkdir(exist_ok=True)
         table = np.eye(len(estimates))
         table[0, 1] = table[1, 0] = correlation
         rows = [{"name": n, "value": v, "standard_error": e} for n, (v, e) in estimates.items()]
-        content = {"estimates": rows, "correlation": table.tolist()}
+        content = {"estimates": rows, "correlation": table.tolist(), "failed": failed}
         (tmp_path / "fit/identify.json").write_text(json.dumps(content))
         content = copy.deepcopy(CONTENT)
         content["design"][0] |= design
@@ -66,6 +66,10 @@ def test_a_factor_of_its_own_stands_in_place_of_an_estimate(study):
         ({"estimates": {"mass": (1600.0, 20.0), "trailer_mass": (9.0, 1.0)}}, "no parameter 'trailer_mass'"),
         ({"estimates": {"mass": (1600.0, None), "yaw_inertia": (1.0, 1.0)}}, "no error of 'mass'"),
         ({"estimates": {"mass": (1600.0, 0.0), "yaw_inertia": (1.0, 1.0)}}, "no error of 'mass'"),
+        ({"estimates": {"mass": (-1.0, 20.0), "yaw_inertia": (2400.0, 1.0)}}, "identify.json: mass"),
+        ({"estimates": {"mass": (None, 20.0), "yaw_inertia": (2400.0, 1.0)}}, "that no fit writes"),
+        ({"correlation": 5.0}, "correlations that no fit writes"),
+        ({"failed": "The fit failed: it is worse."}, "The fit failed: it is worse; identify again"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused_in_words(study, change, said):
