@@ -2,12 +2,15 @@
 
 import copy
 import json
+import tomllib
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from harness.common.errors import UserError
-from harness.config import build_study, load_study
+from harness.config import build_study, load_study, resolve_single
+from harness.identification.posterior_study import posterior_study
 from harness.study.design import points
 
 CONTENT = {
@@ -98,3 +101,17 @@ def test_a_store_needs_the_fit_no_more(study, tmp_path):
     (tmp_path / "again.toml").write_text(text)
     again = load_study(tmp_path / "again.toml")
     assert again.designs[0].factors[0].marginal == built.designs[0].factors[0].marginal
+
+
+def test_a_study_says_where_the_model_lacks_what_it_does_not_vary():
+    spec = resolve_single(CONTENT["plant"], "test")
+    steering, names = np.linspace(-0.1, 0.1, 9), spec.model().inputs
+    drives = [SimpleNamespace(inputs=np.column_stack([np.full(9, 20.0) if n == "speed" else steering for n in names]))]
+    plain, lacking = (
+        posterior_study(spec, "parameters.toml", [("mass", 20.0)], drives, coloured) for coloured in ((), ("yaw_rate",))
+    )
+    assert "coloured" not in plain
+    assert "# The innovations of yaw rate are coloured" in lacking
+    assert tomllib.loads(lacking) == tomllib.loads(plain)
+    assert tomllib.loads(plain)["drive"][0]["speed"] == 20.0
+    assert posterior_study(spec, "parameters.toml", [("mass", np.inf)], drives) == ""
