@@ -17,6 +17,8 @@ from harness.config.design_tables import DesignTable, DistributionTable, FactorT
 from harness.config.problems import Problems
 from harness.config.specs import ModelSpec
 from harness.models.assembly.model import StateSpaceModel
+from harness.models.assembly.placement import place_of
+from harness.models.roles import EFFECTS
 from harness.models.signals import SIGNALS
 
 FILES = ("identify.json", "trace.json")
@@ -151,6 +153,8 @@ def with_posterior(raw: DesignTable, key: str, plant: ModelSpec, folder: Path, p
 
 def _of_no_sensor(name: str, model: StateSpaceModel) -> bool:
     """Whether a parameter is of a sensor that a plant does not have, so that it plays no part in it."""
-    return name not in model.parameter_names and any(
-        name.endswith(f"_{signal}") for signal in SIGNALS if signal not in model.outputs
-    )
+    if name in model.parameter_names:
+        return False
+    files = [file for file in map(EFFECTS.load, EFFECTS.names()) if place_of(file) == "output"]
+    signals = [name.removeprefix(f"{p.name}_") for f in files for p in f.PARAMETERS if name.startswith(f"{p.name}_")]
+    return any(signal in SIGNALS and signal not in model.outputs for signal in signals)

@@ -81,6 +81,7 @@ def test_what_cannot_be_drawn_is_refused_in_words(study, change, said):
 
 
 def test_parameters_of_sensors_that_the_plant_does_not_have_play_no_part(study):
+    """Those of effects on outputs; a name that ends as some signal does is none."""
     built = study({**ESTIMATES, "sensor_bias_sideslip_angle": (0.0, 0.1)})
     assert [f.parameter for f in built.designs[0].factors] == ["mass", "yaw_inertia"]
 
