@@ -170,20 +170,33 @@ def test_intervals_hold_the_known_share_as_often_as_they_say(case):
         assert 0.93 <= np.mean(held[kind]) <= 0.97
 
 
+PAIRED = np.kron(np.eye(5), np.array([[1.0, 0.7], [0.7, 1.0]]))
+SLOPES = np.array([3.0, 1.0, 2.0, 2.0, 1.0, 0.5, 0.0, 1.0, 0.5, 0.5])
+
+
+def of_pairs(seed):
+    """Shares of a linear function of five correlated pairs, and its effects (Owen and Prieur 2017, section 4)."""
+    first, second = SLOPES[::2], SLOPES[1::2]
+    both, shared = 0.7 * first * second, 0.7**2 * (second**2 - first**2) / 2.0
+    true = np.stack([first**2 + both + shared, second**2 + both - shared], axis=1).ravel() / (SLOPES @ PAIRED @ SLOPES)
+    unit = np.stack([scrambled_points(64, 10, (seed, k)) for k in range(8)])
+    scores = ndtri(np.clip(unit, 2.0**-31, 1 - 2.0**-31)) @ np.linalg.cholesky(PAIRED).T
+    estimated = shares(scores, scores @ SLOPES, PAIRED, [(i,) for i in range(10)])
+    inside = [share.lower <= value <= share.upper for share, value in zip(estimated.shapley, true, strict=True)]
+    return estimated, true, inside
+
+
 def test_more_factors_than_there_are_orders_for():
-    """Five correlated pairs: a linear function has its effects in closed form (Owen and Prieur 2017, section 4)."""
-    slopes, rho = np.array([3.0, 1.0, 2.0, 2.0, 1.0, 0.5, 0.0, 1.0, 0.5, 0.5]), 0.7
-    correlation = np.kron(np.eye(5), np.array([[1.0, rho], [rho, 1.0]]))
-    first, second = slopes[::2], slopes[1::2]
-    both, shared = rho * first * second, rho**2 * (second**2 - first**2) / 2.0
-    true = np.stack([first**2 + both + shared, second**2 + both - shared], axis=1).ravel()
-    true /= slopes @ correlation @ slopes
-    unit = np.stack([scrambled_points(64, 10, (5, k)) for k in range(8)])
-    scores = ndtri(np.clip(unit, 2.0**-31, 1 - 2.0**-31)) @ np.linalg.cholesky(correlation).T
-    estimated = shares(scores, scores @ slopes, correlation, [(i,) for i in range(10)])
+    estimated, true, inside = of_pairs(5)
     values = np.array([share.value for share in estimated.shapley])
     np.testing.assert_allclose(values, true, atol=0.03)
     assert values.sum() == pytest.approx(estimated.explained.value)
-    inside = [share.lower <= value <= share.upper for share, value in zip(estimated.shapley, true, strict=True)]
     assert sum(inside) >= 8
     assert max(share.upper - share.lower for share in estimated.shapley) < 0.15
+
+
+@pytest.mark.proof
+def test_intervals_from_orders_at_random_hold_the_effects_as_often_as_they_say():
+    held = np.mean([of_pairs(seed)[2] for seed in range(60)])
+    print(f"ten factors: {held:.3f}")
+    assert 0.92 <= held <= 0.98
