@@ -11,7 +11,7 @@ import re
 import sys
 import tomllib
 import traceback
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -182,6 +182,28 @@ def wide_text(head: bytes) -> str:
     """Return ``UTF-16 text`` or ``UTF-32 text`` where bytes begin with its mark, as editors save it; else nothing."""
     marks = {codecs.BOM_UTF32_LE: 32, codecs.BOM_UTF32_BE: 32, codecs.BOM_UTF16_LE: 16, codecs.BOM_UTF16_BE: 16}
     return next((f"UTF-{bits} text" for mark, bits in marks.items() if head.startswith(mark)), "")
+
+
+def json_table(path: Path, remedy: str, check: Callable[[dict[str, Any]], str | None]) -> dict[str, Any]:
+    """Return the table in a JSON file that this program wrote; an empty one where there is no such file.
+
+    Args:
+        path: The file.
+        remedy: What to do where it is damaged.
+        check: Returns what is wrong with the table in words, or ``None``.
+
+    Raises:
+        UserError: If the file is damaged.
+    """
+    if not path.is_file():
+        return {}
+    with refuse_damaged(path, "JSON text", remedy):
+        content = json.loads(path.read_text(encoding="utf-8"))
+        if not isinstance(content, dict):
+            raise ValueError(f"holds a {type(content).__name__} in place of a table")
+        if (wrong := check(content)) is not None:
+            raise ValueError(wrong)
+        return content
 
 
 @contextmanager

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any, Literal
 
-from harness.common.files import refuse_damaged
+from harness.common.files import json_table
 
 FILE = "bound.json"
 
@@ -31,11 +30,8 @@ def content_of(folder: Path) -> dict[str, Any]:
     Raises:
         UserError: If the file is damaged.
     """
-    path = folder / FILE
-    if not path.is_file():
-        return {}
-    with refuse_damaged(path, "JSON text", "delete it: 'harness run' computes it again"):
-        content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        if not isinstance(content, dict) or not isinstance(content.get("rmse"), dict):
-            raise ValueError("holds no table 'rmse'")
-        return content
+    return json_table(
+        folder / FILE,
+        "delete it: 'harness run' computes it again",
+        lambda content: None if isinstance(content.get("rmse"), dict) else "holds no table 'rmse'",
+    )

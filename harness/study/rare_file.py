@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
-from harness.common.files import refuse_damaged
+from harness.common.files import json_table
 
 FILE = "rare_event.json"
 
@@ -17,13 +16,19 @@ def read(folder: Path, study_hash: str) -> dict[str, Any]:
     Raises:
         UserError: If the file is damaged.
     """
-    path = folder / FILE
-    if not path.is_file():
-        return {}
-    with refuse_damaged(path, "JSON text", "delete it: 'harness run' computes it again"):
-        content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        if not isinstance(content, dict) or not isinstance(content.get("probability", 0.0), float):
-            raise ValueError("holds no number 'probability'")
-        if "probability" not in content and not isinstance(content.get("not_reached"), str):
-            raise ValueError("holds no number 'probability'")
+    content = content_of(folder)
     return content if content.get("study_hash") == study_hash else {}
+
+
+def content_of(folder: Path) -> dict[str, Any]:
+    """Return all that stands in the file of a result folder; nothing if there is none.
+
+    Raises:
+        UserError: If the file is damaged.
+    """
+    return json_table(folder / FILE, "delete it: 'harness run' computes it again", _wrong)
+
+
+def _wrong(content: dict[str, Any]) -> str | None:
+    answered = isinstance(content.get("probability"), float) or isinstance(content.get("not_reached"), str)
+    return None if answered else "holds no number 'probability'"

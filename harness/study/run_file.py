@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from harness.common.errors import UserError
-from harness.common.files import refuse_damaged
-from harness.study import bound_file
+from harness.common.files import json_table
+from harness.study import bound_file, rare_file
 
 FILE = "run.json"
 
@@ -24,23 +23,20 @@ def read(folder: Path) -> dict[str, Any]:
     Raises:
         UserError: If it says anything else.
     """
-    path = folder / FILE
-    if not path.is_file():
-        return {}
-    with refuse_damaged(path, "JSON text", "delete it: the report is made without"):
-        content = json.loads(path.read_text(encoding="utf-8"))
-        if not isinstance(content, dict):
-            raise ValueError(f"holds a {type(content).__name__} in place of a table")
-        for name, value in content.items():
-            if not (isinstance(value, str) or (isinstance(value, int | float) and np.isfinite(value))):
-                raise ValueError(f"'{name}' is no text and no number")
-    return content
+    return json_table(folder / FILE, "delete it: the report is made without", _wrong)
+
+
+def _wrong(content: dict[str, Any]) -> str | None:
+    for name, value in content.items():
+        if not (isinstance(value, str) or (isinstance(value, int | float) and np.isfinite(value))):
+            return f"'{name}' is no text and no number"
+    return None
 
 
 def faults(folder: Path) -> list[str]:
     """Return what is wrong with the files beside a store, in words with the remedy; they have no checksums."""
     errors = []
-    for look in (read, bound_file.content_of):
+    for look in (read, bound_file.content_of, rare_file.content_of):
         try:
             look(folder)
         except UserError as error:
