@@ -47,9 +47,10 @@ state. One that happens in a drive and stays may also have happened before it, a
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -59,41 +60,23 @@ DRIVE_INPUTS: tuple[str, ...] = ("steering_wheel_angle", "speed")
 """What a drive states over time; a vehicle's first state may be taken from it."""
 
 
-class Draws(Protocol):
-    """Random numbers of runs; see ``Readings``."""
-
-    def normal(self, stream: str, shared: bool = False) -> Floats:
-        """Return standard normal numbers."""
-        ...
-
-    def uniform(self, stream: str) -> Floats:
-        """Return numbers from 0 to 1."""
-        ...
-
-    def gamma(self, stream: str, shape: Floats) -> Floats:
-        """Return numbers of the gamma distribution."""
-        ...
-
-
 @dataclass(frozen=True)
-class Readings:
+class Readings(ABC):
     """Readings of one sensor in runs that are simulated side by side, as a degradation gets them.
+
+    Random numbers are the same however runs are grouped, and independent of those of other streams.
 
     Attributes:
         values: ``(..., samples, lanes)`` in SI units, NaN where missing.
         noise: The white noise that is in them, same shape.
         deviation: Standard deviation of that noise ``(..., 1, lanes)``.
         step: Sample time in s.
-        parameter: What ``p`` returns.
-        draws: What random numbers come from.
     """
 
     values: Floats
     noise: Floats
     deviation: Floats
     step: float
-    parameter: Callable[[str], Floats]
-    draws: Draws
 
     @property
     def samples(self) -> Floats:
@@ -105,26 +88,21 @@ class Readings:
         """Runs side by side."""
         return int(self.values.shape[-1])
 
+    @abstractmethod
     def p(self, name: str) -> Floats:
         """Return a parameter of the degradation in each run ``(..., 1, lanes)``."""
-        return self.parameter(name)
 
+    @abstractmethod
     def normal(self, stream: str, shared: bool = False) -> Floats:
-        """Return standard normal numbers of a run ``(..., samples, lanes)``, the same however runs are grouped.
+        """Return standard normal numbers of a run ``(..., samples, lanes)``; if shared, the same for all sensors."""
 
-        Args:
-            stream: Name among those of the degradation; other streams are independent.
-            shared: Whether all sensors get the same numbers.
-        """
-        return self.draws.normal(stream, shared)
-
+    @abstractmethod
     def uniform(self, stream: str) -> Floats:
         """Return numbers as ``normal`` does, evenly distributed from 0 to 1."""
-        return self.draws.uniform(stream)
 
+    @abstractmethod
     def gamma(self, stream: str, shape: Floats) -> Floats:
         """Return numbers as ``normal`` does of the gamma distribution of a shape ``(..., 1, lanes)`` and unit scale."""
-        return self.draws.gamma(stream, shape)
 
 
 @dataclass(frozen=True)

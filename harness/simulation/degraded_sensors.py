@@ -7,8 +7,7 @@ degrades its sensors, and with other values of a parameter.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import ModuleType
 
 import numpy as np
@@ -43,8 +42,9 @@ def degrade(model: StateSpaceModel, measurements: Floats, held: Held, noise: Flo
         row = list(model.outputs).index(output)
         deviation = np.sqrt(held.measurement_noise[..., row, None, :])
         white = deviation * noise[..., row - len(model.outputs), :]
-        parameter, draws = _parameters(model, name, output, held.values), _Draws(name, output, keys, white.shape)
-        readings = Readings(measurements[..., row, :], white, deviation, step, parameter, draws)
+        readings = _SimulatedReadings(
+            measurements[..., row, :].copy(), white, deviation, step, model, held.values, name, output, keys
+        )
         measurements[..., row, :] = _degraded(load_effect(name), readings)
 
 
@@ -54,7 +54,7 @@ def _degraded(file: ModuleType, readings: Readings) -> Floats:
     Raises:
         UserError: If it is not one number for each.
     """
-    degraded = file.degrade(replace(readings, values=readings.values.copy()))
+    degraded = file.degrade(readings)
     if not isinstance(degraded, np.ndarray) or degraded.shape != readings.values.shape:
         got = f"the shape {degraded.shape}" if isinstance(degraded, np.ndarray) else type(degraded).__name__
         raise UserError(
@@ -64,31 +64,25 @@ def _degraded(file: ModuleType, readings: Readings) -> Floats:
     return degraded
 
 
-def _parameters(model: StateSpaceModel, name: str, output: str, values: Floats) -> Callable[[str], Floats]:
-    """Return what gives a parameter of a degradation in each run ``(..., 1, LANES)`` by the name in its file."""
-    rows = {
-        p.name: model.parameter_names.index(parameter_of(p, name, output).name) for p in load_effect(name).PARAMETERS
-    }
-
-    def parameter(stem: str) -> Floats:
-        numbers: Floats = values[..., rows[stem], None, :]
-        return numbers
-
-    return parameter
-
-
 @dataclass(frozen=True)
-class _Draws:
-    """Random numbers of a shape ``(..., samples, LANES)`` for a degradation of an output, from a key for each run."""
+class _SimulatedReadings(Readings):
+    """Readings of an output with what is held of a degradation, and a key of random numbers for each run."""
 
+    model: StateSpaceModel
+    held: Floats
     name: str
     output: str
     keys: NDArray[np.uint64]
-    size: tuple[int, ...]
+
+    def p(self, name: str) -> Floats:
+        (declared,) = (p for p in load_effect(self.name).PARAMETERS if p.name == name)
+        row = self.model.parameter_names.index(parameter_of(declared, self.name, self.output).name)
+        numbers: Floats = self.held[..., row, None, :]
+        return numbers
 
     def normal(self, stream: str, shared: bool = False) -> Floats:
         words = seed_words(zlib.crc32(f"{self.name} {'' if shared else self.output} {stream}".encode()), self.keys)
-        return standard_normal(words, self.size[-2], 1).reshape(self.size)
+        return standard_normal(words, self.values.shape[-2], 1).reshape(self.values.shape)
 
     def uniform(self, stream: str) -> Floats:
         return np.asarray(ndtr(self.normal(stream)))
