@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -74,7 +75,7 @@ class Program(Protocol):
         """Say of what goes wrong in a function where it is."""
 
 
-class Expressions:
+class Expressions(ABC):
     """Prints expressions of one function.
 
     Args:
@@ -92,21 +93,21 @@ class Expressions:
         self.statements: list[Statement] = []
         self._sure = True
 
+    @abstractmethod
     def called(self, function: FunctionType, arguments: Sequence[Value]) -> Value:
         """Return the value of a call of a kernel function; see ``harness.engine.c99.functions``."""
-        raise NotImplementedError
 
+    @abstractmethod
     def new_array(self, shape: tuple[int, ...], zero: bool, kind: v.Kind = "real") -> Array:
         """Return a new array; see ``harness.engine.c99.functions``."""
-        raise NotImplementedError
 
+    @abstractmethod
     def keep_early(self, value: Value, mark: int) -> Value:
         """Read a value before the statements from a place on; see ``harness.engine.c99.functions``."""
-        raise NotImplementedError
 
+    @abstractmethod
     def store(self, value: Scalar, place: Array) -> None:
         """Write a number; see ``harness.engine.c99.functions``."""
-        raise NotImplementedError
 
     def value(self, node: ast.expr) -> Value:
         """Return the value of an expression."""
