@@ -99,6 +99,23 @@ def factor(
     return _stated({"parameter": parameter, "of": of, "unit": unit, **varied, **further})
 
 
+class PopulationKeys(TypedDict, total=False):
+    """Keys of a population.
+
+    Attributes:
+        scramblings: Independent scramblings (default 8).
+        correlation: Of two factors each.
+        groups: Factors that are ranked as one.
+        posterior: Result folder of ``harness identify`` or ``trace``; parameters are drawn as it left them.
+    """
+
+    scramblings: int | None
+    correlation: Sequence[tuple[str, str, float]] | None
+    groups: Mapping[str, Sequence[str]] | None
+    posterior: str | None
+
+
+@keywords(PopulationKeys)
 def design(
     name: str,
     factors: Sequence[Mapping[str, Any]] = (),
@@ -108,9 +125,7 @@ def design(
     boxes: int | None = None,
     repeats: int | None = None,
     sobol_any_n: bool | None = None,
-    scramblings: int | None = None,
-    correlation: Sequence[tuple[str, str, float]] | None = None,
-    groups: Mapping[str, Sequence[str]] | None = None,
+    **population: Unpack[PopulationKeys],
 ) -> dict[str, Any]:
     """Return a design: the table ``[[design]]`` of a study file.
 
@@ -123,9 +138,7 @@ def design(
         boxes: Nested boxes of a tolerance design.
         repeats: Runs with fresh noise per point (default 1).
         sobol_any_n: Allow a number of samples that is no power of two.
-        scramblings: Independent scramblings of a population (default 8).
-        correlation: Of two factors each.
-        groups: Factors of a population that are ranked as one.
+        population: See ``PopulationKeys``.
 
     Example:
         >>> import harness as h
@@ -133,8 +146,7 @@ def design(
         16
     """
     keys = {"sampling": sampling, "samples": samples, "boxes": boxes, "repeats": repeats, "sobol_any_n": sobol_any_n}
-    joint = {"scramblings": scramblings, "correlation": correlation, "groups": groups}
-    return {"name": name, "factor": [dict(each) for each in factors], **_stated({**keys, **joint})}
+    return {"name": name, "factor": [dict(each) for each in factors], **_stated({**keys, **population})}
 
 
 def levels(

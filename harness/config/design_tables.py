@@ -73,9 +73,9 @@ class FactorTable(StrictTable):
     range: Annotated[list[Quantity], Field(min_length=2, max_length=2)] | None = Field(
         default=None, description="one band by its lower and upper edge"
     )
-    distribution: (
-        Annotated[Annotated[Kind, Tag(TEXT)] | Annotated[DistributionTable, Tag(TABLE)], one_of(TEXT, TABLE)] | None
-    ) = Field(default=None, description="how likely which value is: a kind, or a table with more")
+    distribution: Distribution | None = Field(
+        default=None, description="how likely which value is: a kind, or a table with more"
+    )
     scale: Literal["linear", "log"] = Field(
         default="linear", description="whether a band is filled evenly in the value or in its logarithm"
     )
