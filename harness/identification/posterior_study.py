@@ -10,17 +10,13 @@ import numpy as np
 from harness.common.files import toml_text
 from harness.config import ModelSpec
 from harness.identification.data import DriveData
-from harness.models.quantities import listed, words
 from harness.models.roles import VEHICLES
 
 STUDY = "posterior.toml"
 
 _HEADING = "Vehicles are drawn from what the fit leaves open; estimators believe its estimates. Run it: harness run {}"
 
-_LACKING = (
-    "\nThe innovations of {} are coloured: the model lacks something, which makes errors of\nthe vehicle larger than "
-    "those of this study (harness trace)."
-)
+_LACKING = "\n{}: the model lacks something,\nso that the vehicle errs by more than this study says (harness trace)."
 
 POINTS = 64
 
@@ -30,7 +26,7 @@ def posterior_study(
     file: str,
     errors: Sequence[tuple[str, float]],
     drives: Sequence[DriveData],
-    coloured: Sequence[str] = (),
+    lacks: str = "",
 ) -> str:
     """Return the text of a study beside the result of an identification or a trace; empty where none can be made.
 
@@ -42,7 +38,7 @@ def posterior_study(
         file: Its parameter file in the folder of the result.
         errors: Parameters that were fitted, and their standard errors.
         drives: Recordings that were fitted.
-        coloured: Outputs whose innovations are, so that the model lacks what no parameter of it stands for.
+        lacks: What shows that the model lacks something, which no parameter of it stands for; empty for nothing.
     """
     model = spec.model()
     driven = {"steering_wheel_angle", "speed"} <= set(model.inputs)
@@ -80,5 +76,4 @@ def posterior_study(
         "estimator": [{"name": "EKF", "kind": "ekf"}, {"name": "UKF", "kind": "ukf"}],
         "design": [{"name": "posterior", "sampling": "population", "samples": POINTS, "posterior": "."}],
     }
-    lacking = _LACKING.format(listed([words(n) for n in coloured])) if coloured else ""
-    return toml_text(content, _HEADING.format(STUDY) + lacking)
+    return toml_text(content, _HEADING.format(STUDY) + (_LACKING.format(lacks) if lacks else ""))

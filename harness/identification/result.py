@@ -314,7 +314,8 @@ def write_outcome(folder: Path, fit: Fit, judged: list[Judged], source: str) -> 
     }
     fitted = [j.drive for j in judged if not j.held_out]
     errors = [(e.name, e.error) for e in fit.estimates if e.name in fit.spec.values]
-    if not failure(judged) and (text := posterior_study(fit.spec, "parameters.toml", errors, fitted, fit.coloured)):
+    coloured = f"The innovations of {listed([words(n) for n in fit.coloured])} are coloured" if fit.coloured else ""
+    if not failure(judged) and (text := posterior_study(fit.spec, "parameters.toml", errors, fitted, coloured)):
         contents[STUDY] = text
     return write_files(folder, contents)
 

@@ -109,10 +109,10 @@ def test_a_study_says_where_the_model_lacks_what_it_does_not_vary():
     steering, names = np.linspace(-0.1, 0.1, 9), spec.model().inputs
     drives = [SimpleNamespace(inputs=np.column_stack([np.full(9, 20.0) if n == "speed" else steering for n in names]))]
     plain, lacking = (
-        posterior_study(spec, "parameters.toml", [("mass", 20.0)], drives, coloured) for coloured in ((), ("yaw_rate",))
+        posterior_study(spec, "parameters.toml", [("mass", 20.0)], drives, lacks) for lacks in ("", "It is unresolved")
     )
-    assert "coloured" not in plain
-    assert "# The innovations of yaw rate are coloured" in lacking
+    assert "lacks" not in plain
+    assert "# It is unresolved: the model lacks something,\n" in lacking
     assert tomllib.loads(lacking) == tomllib.loads(plain)
     assert tomllib.loads(plain)["drive"][0]["speed"] == 20.0
     assert posterior_study(spec, "parameters.toml", [("mass", np.inf)], drives) == ""

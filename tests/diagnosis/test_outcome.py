@@ -11,6 +11,7 @@ import pytest
 from harness.common.failures import FILE, Failures
 from harness.common.files import json_text
 from harness.common.statistics import Interval
+from harness.config import load_study
 from harness.diagnosis import run
 from harness.diagnosis.criteria import HORIZONS, PRIORS
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, coordinates, hypotheses
@@ -89,6 +90,13 @@ def test_a_trace_that_found_nothing_has_a_report(outcome, tmp_path):
         assert (said["stated"], said["unit"]) == (stated[c.name], "N/rad")
         assert f"{words(c.name)} " in text
     assert text.count(", stated ") == len(FREE)
+    open_ = [(e["name"], e["value"], e["standard_error"]) for e in record["estimates"]]
+    assert [n for n, _, _ in open_] == [*FREE]
+    assert [e for *_, e in open_] == pytest.approx(errors)
+    assert np.diag(record["correlation"]) == pytest.approx(np.ones(len(FREE)))
+    study = load_study(tmp_path / "posterior.toml")  # draws vehicles from these
+    assert [f.marginal.arguments[:2] for f in study.designs[0].factors] == [(v, e) for _, v, e in open_]
+    assert "# The trace is unresolved: the model lacks something" in (tmp_path / "posterior.toml").read_text()
     assert not (tmp_path / FILE).exists()
     assert "drive_$x_{$ 91" in text
     page = (tmp_path / "report.html").read_text(encoding="utf-8")

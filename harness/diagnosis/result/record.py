@@ -364,6 +364,7 @@ def _models(outcome: Outcome) -> dict[str, str]:
         AMENDED,
         [(name, error) for name, _, error in outcome.estimates],
         outcome.trace.fitting.drives,
+        "The trace is unresolved" if outcome.verdict == "unresolved" else "",
     )
     amended = {AMENDED: set_text(outcome.amended, f"harness trace on {names}", comments)}
     return {**nominal, **amended, **({STUDY: study} if study else {})}
