@@ -16,7 +16,7 @@ from scipy.special import gammaincinv, ndtr
 
 from harness.common.arrays import Floats
 from harness.common.components import place_of
-from harness.common.errors import UserError
+from harness.common.errors import UserError, closest
 from harness.engine.standard_normal import seed_words, standard_normal
 from harness.models.assembly.degradation import parameter_of
 from harness.models.assembly.model import StateSpaceModel
@@ -75,7 +75,12 @@ class _SimulatedReadings(Readings):
     keys: NDArray[np.uint64]
 
     def p(self, name: str) -> Floats:
-        (declared,) = (p for p in load_effect(self.name).PARAMETERS if p.name == name)
+        own = {p.name: p for p in load_effect(self.name).PARAMETERS}
+        if name not in own:
+            raise UserError(
+                f"{place_of(load_effect(self.name))}: reads undeclared parameter '{name}'{closest(name, [*own])}"
+            )
+        declared = own[name]
         row = self.model.parameter_names.index(parameter_of(declared, self.name, self.output).name)
         numbers: Floats = self.held[..., row, None, :]
         return numbers

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from harness.api.study import design as api_design
 from harness.common.errors import UserError
 from harness.config import build_study, load_study, resolve_single
 from harness.identification.posterior_study import posterior_study
@@ -84,6 +85,12 @@ def test_parameters_of_sensors_that_the_plant_does_not_have_play_no_part(study):
     """Those of effects on outputs; a name that ends as some signal does is none."""
     built = study({**ESTIMATES, "sensor_bias_sideslip_angle": (0.0, 0.1)})
     assert [f.parameter for f in built.designs[0].factors] == ["mass", "yaw_inertia"]
+
+
+def test_python_states_it_as_a_file_does(study):
+    wanted = study().designs[0]
+    stated = api_design("open", sampling="population", samples=512, posterior="fit")
+    assert build_study({**CONTENT, "design": [stated]}, "posterior.toml").designs[0] == wanted
 
 
 def test_a_damaged_result_is_refused(study, tmp_path):

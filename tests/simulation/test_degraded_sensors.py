@@ -193,6 +193,12 @@ def test_what_is_no_reading_for_each_sample_is_refused_by_the_file_of_its_own(mo
             read("quantisation", batches=1)
 
 
+def test_a_parameter_that_is_not_declared_is_named(monkeypatch):
+    monkeypatch.setattr(DEGRADATIONS.load("quantisation"), "degrade", lambda r: r.values * r.p("quantisation_stap"))
+    with pytest.raises(UserError, match=r"quantisation.py: reads undeclared parameter .*; closest: quantisation_step"):
+        read("quantisation", batches=1)
+
+
 def test_a_misspelt_degradation_is_told_the_closest_one():
     with pytest.raises(ModelError, match="unknown effect 'quantization'; closest: quantisation"):
         assemble("car", "linear", ["quantization"], ", ".join(OUTPUTS))

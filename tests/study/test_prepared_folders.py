@@ -218,7 +218,7 @@ def test_whatever_is_damaged_is_named_and_a_run_mends_it(study, finished, tmp_pa
         assert bits(copy) == whole, name
 
 
-@pytest.mark.parametrize("name", ["run.json", "bound.json"])
+@pytest.mark.parametrize("name", ["run.json", "bound.json", "rare_event.json"])
 def test_a_damaged_file_beside_the_store_is_named_with_the_remedy_and_by_every_command(copy, name):
     (copy / name).write_text("[1]")
     said = f"{name}: is damaged or no JSON text: .*; delete it"
