@@ -118,6 +118,27 @@ def test_what_candump_prints_is_read_as_its_log(log, tmp_path):
         candump.frames(str(path))
 
 
+@pytest.mark.parametrize("screen", [False, True])
+def test_stamps_of_candump_since_the_first_frame_or_the_one_before_are_told_apart(tmp_path, screen):
+    micros = np.cumsum(np.random.default_rng(0).integers(100, 4000, 400)) - 100
+    micros -= micros[0]
+    body = "  can0  123   [2]  0A 0B" if screen else " can0 123#0A0B"
+    remote = "  can0  100   [8]  remote request" if screen else " can0 100#R8"
+
+    def written(stamps):
+        lines = [f"({s // 1000000:03}.{s % 1000000:06}){remote if i == 7 else body}" for i, s in enumerate(stamps)]
+        (tmp_path / "a.log").write_text("\n".join(lines) + "\n", encoding="utf-8")
+        return str(tmp_path / "a.log")
+
+    true = np.delete(micros, 7) / 1e6
+    between = np.diff(micros, prepend=0)
+    np.testing.assert_array_equal(candump.frames(written(micros)).time, true)
+    np.testing.assert_array_equal(candump.frames(written(between)).time, true)
+    for stamps in (micros[:8], [0, *[10000] * 399], [0, *range(1, 9), 3 * 10**9]):
+        with pytest.raises(UserError, match=r"-t z.*-t d"):
+            candump.frames(written(stamps))
+
+
 @pytest.mark.parametrize(
     ("form", "good", "broken"),
     [

@@ -91,6 +91,7 @@ class ChannelTable(StrictTable):
         description="where an unsigned speed is driven backwards: a column that is negative there, such as the gear, "
         'or "course", where the course over ground is against the heading',
     )
+    valid: StrictStr = Field(default="", description='column beside it, 0 where it is no value, or "Quality == 3"')
     convention: Literal["", "compass"] = Field(
         default="", description='"compass": a heading or course that counts clockwise from north'
     )
@@ -172,6 +173,7 @@ class Channel:
         curve: Two rows, channel and value, or None.
         lag: Time constant in s of a first-order lag behind the channel.
         reverse: Column that is negative where an unsigned speed is driven backwards, or ``COURSE``; else empty.
+        valid: Column that says whether a value is one, alone or with ``==`` or ``!=`` and a number; else empty.
         hold: Whether a value is held until the next one.
         remove_spikes: Whether single-sample spikes are treated as missing.
         includes_gravity: Whether an accelerometer measures gravity through bank and roll.
@@ -188,6 +190,7 @@ class Channel:
     curve: Floats | None = None
     lag: float = 0.0
     reverse: str = ""
+    valid: str = ""
     hold: bool = False
     remove_spikes: bool = False
     includes_gravity: bool = False
@@ -361,13 +364,11 @@ def _channel(name: str, table: ChannelTable, where: str, points: dict[str, Point
     lag = to_si(table.lag, "s", f"{where}.lag")
     if lag < 0:
         raise UserError(f"{where}.lag: {lag:g} s is negative; a lag cannot look ahead, use delay for a time shift")
+    in_si = 1.0 if table.unit is None else scale(table.unit, unit, f"{where}.unit")
     return Channel(
         signal=name,
         channel=table.channel,
-        scale=turned
-        * table.sign
-        * table.factor
-        * (1.0 if table.unit is None else scale(table.unit, unit, f"{where}.unit")),
+        scale=turned * table.sign * table.factor * in_si,
         unit=table.unit,
         offset=to_si(table.offset, unit, f"{where}.offset") + (np.pi / 2 if table.convention else 0.0),
         delay=delay,
@@ -375,6 +376,7 @@ def _channel(name: str, table: ChannelTable, where: str, points: dict[str, Point
         curve=curve,
         lag=lag,
         reverse=table.reverse,
+        valid=table.valid,
         hold=table.hold,
         remove_spikes=table.remove_spikes,
         includes_gravity=table.includes_gravity,

@@ -112,11 +112,11 @@ def _raws(
     tables: list[Table], places: list[int], clocks: Mapping[str, Clock], channels: ChannelMap, file: str
 ) -> list[Raw]:
     """Return every channel; what no later one takes gives up its values."""
-    used = [name for c in channels.channels for name in (c.channel, c.reverse)]
+    used = [name for c in channels.channels for name in (c.channel, c.reverse, validity(c)[0])]
     raws = []
     for i, (n, channel) in enumerate(zip(places, channels.channels, strict=True)):
         for table in tables:
-            for name in set(table.columns) - set(used[2 * i :]):
+            for name in set(table.columns) - set(used[3 * i :]):
                 table.columns[name] = np.empty(0)
         raws.append(_raw(tables[n], channel, clocks[channel.channel], channels, file))
     return raws
@@ -256,10 +256,14 @@ def _raw(table: Table, channel: Channel, clock: Clock, channels: ChannelMap, fil
     impossible = ~is_measured(values) & ~np.isnan(values)
     if impossible.any():
         values = np.where(impossible, np.nan, values)
+    invalid = ~_valid(table, channel, clock, file)
+    if invalid.any():
+        values = np.where(invalid, np.nan, values)
     finite = np.isfinite(values)
     if not finite.any():
+        beside = f" where {channel.valid}" if channel.valid else ""
         raise UserError(
-            f"{channel.where}: channel '{channel.channel}' of {file} holds no number; take it out of the map"
+            f"{channel.where}: channel '{channel.channel}' of {file} holds no number{beside}; take it out of the map"
         )
     odd = spikes(values)
     time_of_spikes = clock.time[odd]
@@ -295,15 +299,45 @@ def _signed(values: Floats, kept: Mask, table: Table, channel: Channel, clock: C
     """Return the values of some rows, negative where a column marks that the vehicle drives backwards."""
     if channel.reverse in ("", COURSE):
         return values
-    if channel.reverse not in table.columns:
-        raise UserError(
-            f"{channel.where}.reverse: '{channel.reverse}' is no column beside '{channel.channel}' of {file}"
-            f"{closest(channel.reverse, list(table.columns))}; name one that is negative in reverse, or write "
-            f'"{COURSE}"'
-        )
-    gear = clock.in_rows(table.columns[channel.reverse])
+    gear = clock.in_rows(_beside(table, channel, "reverse", channel.reverse, file))
     latest = np.maximum.accumulate(np.where(np.isfinite(gear), np.arange(len(gear)), 0))
     return values * np.where(gear[latest] < 0, -1.0, 1.0)[kept]
+
+
+def _beside(table: Table, channel: Channel, key: str, column: str, file: str) -> Floats:
+    """Return a column that a key of a channel names."""
+    if column not in table.columns:
+        raise UserError(
+            f"{channel.where}.{key}: '{column}' is no column beside '{channel.channel}' of {file}"
+            f"{closest(column, list(table.columns))}; name one that has its clock"
+            + (f', which is negative in reverse, or write "{COURSE}"' if key == "reverse" else "")
+        )
+    return table.columns[column]
+
+
+def validity(channel: Channel) -> tuple[str, str, float]:
+    """Return column, comparison and number of a condition such as ``Msg.Quality == 3``; ``!= 0`` is a column's own.
+
+    Raises:
+        UserError: If the number is none.
+    """
+    column, comparison, number = next((p for c in ("==", "!=") if (p := channel.valid.rpartition(c))[0]), ("", "", ""))
+    try:
+        return (column.strip(), comparison, float(number)) if comparison else (channel.valid.strip(), "!=", 0.0)
+    except ValueError:
+        raise UserError(
+            f"{channel.where}.valid: '{number.strip()}' is no number; write a column, such as \"Msg.Quality\", or "
+            '"Msg.Quality == 3"'
+        ) from None
+
+
+def _valid(table: Table, channel: Channel, clock: Clock, file: str) -> Mask:
+    """Return in which rows of a clock a channel measures by the column that says so, which has to have a number."""
+    if not channel.valid:
+        return np.ones(len(clock.rows), dtype=bool)
+    column, comparison, number = validity(channel)
+    flag = clock.in_rows(_beside(table, channel, "valid", column, file))
+    return np.asarray(np.isfinite(flag) & ((flag == number) == (comparison == "==")))
 
 
 def _missing_share(there: Mask) -> float:

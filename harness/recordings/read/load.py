@@ -23,7 +23,7 @@ from harness.recordings.motion.kinematics import DERIVED, Sources
 from harness.recordings.motion.pose import COURSE, NEEDS, backwards, continued, tangent_plane
 from harness.recordings.read.axes import in_vehicle_axes
 from harness.recordings.read.channel_map import ChannelMap, load_map
-from harness.recordings.read.channels import Raw, collect, plain_map, to_reference_point
+from harness.recordings.read.channels import Raw, collect, plain_map, to_reference_point, validity
 from harness.recordings.read.clock import Clock
 from harness.recordings.read.file_units import with_file_units
 from harness.recordings.read.in_memory import name_of, tables_of
@@ -89,9 +89,10 @@ def _tables(file: Path, mapping: ChannelMap | None, databases: Sequence[str]) ->
     databases = databases or (mapping.databases if readers.takes_databases(file) else ())  # a map serves several files
     named = {c.channel for c in mapping.channels}
     gears = {c.reverse for c in mapping.channels if c.reverse not in ("", COURSE)}
+    flags = {validity(c)[0] for c in mapping.channels if c.valid}
     clocks = set(mapping.clocks) | {column for column, _ in mapping.added.values()}
     clocks |= {name for unit in mapping.mounting for name in (*unit.acceleration, *unit.angular_velocity)}
-    tables = readers.read_tables(file, (named | gears | clocks).__contains__, databases)
+    tables = readers.read_tables(file, (named | gears | flags | clocks).__contains__, databases)
     complete = named <= {n for t in tables for n in t.columns}
     return tables if complete else readers.read_tables(file, databases=databases)
 

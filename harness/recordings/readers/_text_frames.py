@@ -25,7 +25,7 @@ _FLAGS = 3 << 29
 _FREE = ("time", "number", "id", "data")
 """Groups in which lines of one shape differ, the latter two in hexadecimal digits."""
 _SPACE, _ZERO = np.uint8(ord(" ")), np.uint8(ord("0"))
-_STAMP = re.compile(rb"\s*(?P<time>\d+(\.\d+)?)(?!\S)")
+_STAMP = re.compile(rb"\s*\(?(?P<time>\d+(\.\d+)?)\)?(?!\S)")
 
 
 @dataclass(frozen=True)

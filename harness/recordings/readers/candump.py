@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 
+import numpy as np
+
+from harness.common.errors import UserError
 from harness.common.files import refuse_damaged
 from harness.recordings.readers._decode import decoded
 from harness.recordings.readers._frames import Frames
@@ -30,6 +34,11 @@ _GRAMMAR = Grammar(
 )
 """As ``-l`` and ``-L`` write it (CAN FD has flags behind a second `#`, `R` asks for a frame), and as on a screen."""
 
+_HEAD = 2**20
+"""Bytes from which is seen what short stamps count from."""
+_SHORT = re.compile(rb"^\s*\((\d{3,9}\.\d+)\)", re.M)
+"""Stamp of ``-t z`` and ``-t d``, which has three digits or more before the point; one since 1970 has ten."""
+
 
 def read(path: str, wanted: Wanted | None = None, databases: Sequence[str] = ()) -> list[Table]:
     """Return the signals of the messages that the databases describe, at the stamps of the file.
@@ -49,4 +58,26 @@ def frames(path: str) -> Frames:
         UserError: If there is none, or more than any recording holds.
         ValueError: If a line is damaged.
     """
-    return text_frames(path, "candump log", _GRAMMAR)
+    return text_frames(path, "candump log", replace(_GRAMMAR, relative=_since_the_line_before(path)))
+
+
+def _since_the_line_before(path: str) -> bool:
+    """Return whether stamps are those of ``candump -t d``: they rise and fall, where others rise alone.
+
+    Raises:
+        UserError: If they are few, or do neither.
+    """
+    with open(path, "rb") as stream:
+        stamps = np.array(_SHORT.findall(head := stream.read(_HEAD)), dtype=float)
+    if not _SHORT.match(head):
+        return False
+    steps = np.diff(stamps[1:])
+    rises, falls = steps[steps > 0], -steps[steps < 0]
+    if 2 * falls.sum() > rises.sum():
+        return True
+    if 10 <= len(rises) >= len(steps) / 10 and max(falls.sum() / rises.sum(), len(falls) / len(rises)) < 0.1:
+        return False
+    raise UserError(
+        f"{path}: its stamps may be those of 'candump -t z', since the first frame, or of '-t d', since the frame "
+        f"before, which {len(stamps)} of them do not tell; log with -l or -t a"
+    )
