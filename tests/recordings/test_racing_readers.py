@@ -1,5 +1,6 @@
 """Files of racing loggers, test benches and simulators: VBO, XRK, TDMS, ERG, and what Simulink writes."""
 
+import re
 import struct
 import sys
 import zlib
@@ -65,6 +66,42 @@ def test_a_damaged_vbo_is_refused_in_words(tmp_path, old, new, said):
     (tmp_path / "a.vbo").write_text(VBO.replace(old, new))
     with pytest.raises(UserError, match=said):
         readers.read(tmp_path / "a.vbo")
+
+
+CHANNELS = [("RUNTIME", "s", ""), ("SLIPANGL", "deg", "1.0"), ("FYW", "N", "-1000.0"), ("LONGSLIP", "-", "1.0")]
+TYDEX = (
+    "**HEADER\nRELEASE   Release of TYDEX-Format                 1.3\n\n**CONSTANTS\n"
+    "FZW       Vertical force                N         4000\n**MEASURCHANNELS\n! NAME DESCRIPTION\n"
+    + "".join(f"{n:10}{'a channel of ' + n:30}{u:10}{f:10}0.0       0.0\n" for n, u, f in CHANNELS)
+    + "**MEASURDATA\n0.00 -1.5 0.75 0.0\n0.01 -1.0 NOTAVAIL 0.1\n**MODELPARAMETERS\nFNOMIN 4000\n**END\n"
+)
+
+
+def test_tydex_has_channels_times_their_factors(tmp_path):
+    (tmp_path / "a.TDX").write_bytes(TYDEX.replace("\n", "\r\n").encode())
+    (table,) = readers.read_tables(tmp_path / "a.TDX")
+    assert table.clock == "RUNTIME"
+    assert table.units == {"RUNTIME": "s", "SLIPANGL": "deg", "FYW": "N", "LONGSLIP": "-"}
+    np.testing.assert_array_equal(table.columns["FYW"], [-750.0, np.nan])
+    np.testing.assert_array_equal(table.columns["SLIPANGL"], [-1.5, -1.0])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("**HEADER", "HEADER", "no TYDEX file, which begins with"),
+        ("-1000.0   0.0 ", "-1000.0   0.5 ", "line 10: FYW has the factor -1000 and the offsets 0.5, 0"),
+        ("-1000.0   0.0 ", "0.0       0.0 ", "line 10: FYW has the factor 0"),
+        ("-1.0 NOTAVAIL", "-1.0NOTAVAIL", "line 14 has 3 values for 4 channels"),
+        ("0.75 0.0", "0.7x 0.0", "line 13: '0.7x' is no number"),
+        ("**MEASURDATA", "**DATA", "has no rows behind"),
+    ],
+)
+def test_a_damaged_tydex_is_refused_in_words(tmp_path, old, new, said):
+    assert old in TYDEX
+    (tmp_path / "a.tdx").write_text(TYDEX.replace(old, new, 1))
+    with pytest.raises(UserError, match=re.escape(said)):
+        readers.read(tmp_path / "a.tdx")
 
 
 def test_tdms_groups_have_their_clocks_and_units(tmp_path):
