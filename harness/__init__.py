@@ -26,7 +26,9 @@ if TYPE_CHECKING:
     from harness.api.estimates import estimate as estimate
     from harness.api.estimator import Estimator as Estimator
     from harness.api.export import ExportedEstimator as ExportedEstimator
+    from harness.api.export import ExportedPlant as ExportedPlant
     from harness.api.export import export_estimator as export_estimator
+    from harness.api.export import export_plant as export_plant
     from harness.api.identification import Identification as Identification
     from harness.api.identification import identify as identify
     from harness.api.model import Model as Model
@@ -61,7 +63,7 @@ _PLACES = {
     "harness.api.drive": ("Drive", "drive"),
     "harness.api.estimates": ("Estimates", "estimate"),
     "harness.api.estimator": ("Estimator",),
-    "harness.api.export": ("ExportedEstimator", "export_estimator"),
+    "harness.api.export": ("ExportedEstimator", "ExportedPlant", "export_estimator", "export_plant"),
     "harness.api.identification": ("Identification", "identify"),
     "harness.api.model": ("Model", "model"),
     "harness.api.realtime": ("RealTime", "time_steps"),

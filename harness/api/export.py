@@ -1,4 +1,4 @@
-"""``harness.export_estimator``: an estimator of a study as C99."""
+"""``harness.export_estimator`` and ``harness.export_plant``: what a study ran, as C99 and as an FMU."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from harness.api._show import Shown
 from harness.api.study import Study
 
 if TYPE_CHECKING:
-    from harness.realtime.export.run import Exported
+    from harness.realtime.export.fmi.component import Component
 
 
 def export_estimator(
@@ -22,6 +22,7 @@ def export_estimator(
     name: str | None = None,
     drive: str | None = None,
     duration: float | str = "20 s",
+    fmi: Literal[2, 3] | None = None,
 ) -> ExportedEstimator:
     """Print an estimator of a study as C99, from the kernels that the study runs.
 
@@ -34,6 +35,7 @@ def export_estimator(
         name: That everything in C begins with; names of study and estimator by default.
         drive: Name of the drive of the recorded run that comes with it; the first of the study by default.
         duration: How much of it is recorded, in s or text with a unit.
+        fmi: Version of FMI of an FMU for co-simulation beside the C; none by default.
 
     Returns:
         The files.
@@ -59,30 +61,72 @@ def export_estimator(
 
     from harness.common.stages import showing
     from harness.common.units import to_si
+    from harness.realtime.export.fmi.component import of_estimator
     from harness.realtime.export.run import believing, export
 
     spec = study.spec if parameters is None else believing(study.spec, Path(parameters))
     seconds = to_si(duration, "s", "duration")
     with showing(Console(stderr=True), "exporting") as show:
-        return ExportedEstimator(export(spec, estimator, precision, name, (drive, seconds), show))
+        made = export(spec, estimator, precision, name, (drive, seconds), show)
+    component = None if fmi is None else of_estimator(made.export, made.estimator.has_covariance)
+    return ExportedEstimator(made.export.name, made.answer, made.files, component, fmi)
 
 
-class ExportedEstimator(Shown):
-    """An estimator as C99; made by ``harness.export_estimator``.
+def export_plant(
+    study: Study,
+    *,
+    parameters: str | Path | None = None,
+    precision: Literal["double", "float"] = "double",
+    name: str | None = None,
+    fmi: Literal[2, 3] | None = None,
+) -> ExportedPlant:
+    """Print the plant of a study as C99, without noise, integrated by the kernel that the study runs.
 
-    Attributes:
+    Args:
+        study: The study.
+        parameters: Parameter file that it is in place of the study's plant, such as the ``amended.toml`` of a trace.
+        precision: Of the numbers in C.
+        name: That everything in C begins with; the name of the study and ``plant`` by default.
+        fmi: Version of FMI of an FMU for co-simulation beside the C; none by default.
+
+    Returns:
+        The files.
+
+    Raises:
+        UserError: If there is no such file, or the plant cannot be printed.
+    """
+    from harness.realtime.export.fmi.component import of_a_plant
+    from harness.realtime.export.plant import files, printed_plant
+    from harness.realtime.export.run import believing
+
+    spec = study.spec if parameters is None else believing(study.spec, Path(parameters))
+    made = printed_plant(spec, parameters is not None, precision, name)
+    return ExportedPlant(made.name, made.answer, files(made), None if fmi is None else of_a_plant(made), fmi)
+
+
+class _Exported(Shown):
+    """What was printed.
+
+    Args:
         name: That everything in C begins with.
+        answer: What it is, in a sentence.
         files: Text by file name.
+        component: What an FMU is made of; ``None`` without one.
+        fmi: Its version.
     """
 
-    def __init__(self, exported: Exported) -> None:
-        self.name, self.files = exported.export.name, dict(exported.files)
-        self._exported = exported
+    def __init__(
+        self, name: str, answer: str, files: Mapping[str, str], component: Component | None, fmi: int | None
+    ) -> None:
+        self.name, self.answer = name, answer
+        self.files: dict[str, str | bytes] = dict(files)
+        if component is not None and fmi is not None:
+            from harness.realtime.export.fmi.archive import COMPILERS, fmu
 
-    @property
-    def answer(self) -> str:
-        """What it is, in a sentence."""
-        return self._exported.answer
+            content, has_binary = fmu(component, fmi)
+            self.files[f"{name}.fmu"] = content
+            what = "the binary of this machine" if has_binary else f"sources only: there is no {', '.join(COMPILERS)}"
+            self.answer += f"; {name}.fmu is for FMI {fmi}.0 with {what}"
 
     def write(self, folder: str | Path) -> list[Path]:
         """Write the files into a folder, made if absent or of an earlier export; return their paths.
@@ -96,10 +140,30 @@ class ExportedEstimator(Shown):
         there = [name for name in self.files if (Path(folder) / name).exists()]
         if there and f"{self.name}.h" not in there:
             raise UserError(
-                f"{folder}: holds '{there[0]}', which is not of the estimator '{self.name}' and would be written over; "
+                f"{folder}: holds '{there[0]}', which is not of '{self.name}' and would be written over; "
                 "take another folder"
             )
         return write_files(Path(folder), self.files)
 
     def _facts(self) -> Mapping[str, Any]:
         return {"answer": self.answer, "files": ", ".join(self.files)}
+
+
+class ExportedEstimator(_Exported):
+    """An estimator as C99; made by ``harness.export_estimator``.
+
+    Attributes:
+        name: That everything in C begins with.
+        answer: What it is, in a sentence.
+        files: Text by file name, bytes of an FMU.
+    """
+
+
+class ExportedPlant(_Exported):
+    """A plant as C99; made by ``harness.export_plant``.
+
+    Attributes:
+        name: That everything in C begins with.
+        answer: What it is, in a sentence.
+        files: Text by file name, bytes of an FMU.
+    """

@@ -7,6 +7,8 @@ from typing import Annotated, Literal
 
 import typer
 
+from harness.common.errors import UserError
+
 DURATION = "20 s"
 
 
@@ -40,28 +42,47 @@ def export(
     duration: Annotated[
         str, typer.Option("--duration", help='How much of the drive is recorded: 20 or "20 s".')
     ] = DURATION,
+    plant: Annotated[
+        bool, typer.Option("--plant", help="The study's plant, or that of --parameters, in place of an estimator.")
+    ] = False,
+    fmi: Annotated[
+        Literal["2", "3"] | None,
+        typer.Option("--fmi", help="An FMU for co-simulation as well, of this version of FMI."),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Folder; results/export-<name in C> if absent.")
     ] = None,
 ) -> None:
-    """Print an estimator of a study as C99, with a test that replays a recorded run.
+    """Print an estimator or the plant of a study as C99 and as an FMU.
 
-    It is printed from the kernels that the study runs. The folder builds by itself, with make or CMake; its library
-    takes part in studies as an external estimator.
+    They are printed from the kernels that the study runs. The folder of an estimator builds by itself, with make or
+    CMake, and has a test that replays a recorded run; its library takes part in studies as an external estimator. An
+    FMU has the sources and the binary of this machine.
     """
-    from harness.api.export import export_estimator
+    from harness.api.export import ExportedEstimator, ExportedPlant, export_estimator, export_plant
     from harness.api.study import read_study
     from harness.cli.options import RESULTS, printed, quantity, study_path
 
+    version: Literal[2, 3] | None = None if fmi is None else 2 if fmi == "2" else 3
+    exported: ExportedEstimator | ExportedPlant
     seconds = quantity(duration, "s", "--duration")
-    exported = export_estimator(
-        read_study(study_path(study)),
-        estimator,
-        parameters=parameters,
-        precision=precision,
-        name=name,
-        drive=drive,
-        duration=seconds,
-    )
+    if plant and (estimator is not None or drive is not None):
+        raise UserError(
+            f"--plant: has no {'--estimator' if estimator is not None else '--drive'}; leave one of them out"
+        )
+    read = read_study(study_path(study))
+    if plant:
+        exported = export_plant(read, parameters=parameters, precision=precision, name=name, fmi=version)
+    else:
+        exported = export_estimator(
+            read,
+            estimator,
+            parameters=parameters,
+            precision=precision,
+            name=name,
+            drive=drive,
+            duration=seconds,
+            fmi=version,
+        )
     files = exported.write(RESULTS / f"export-{exported.name}" if out is None else out)
     printed(exported.answer, files)

@@ -70,17 +70,17 @@ def of_variable(model: FmuModel, unit: str, target: str, where: str) -> Conversi
         return stated(unit, target, where)
     if not defined.exponents and defined.factor == 1.0:
         return stated("1", target, where)
-    if dict(defined.exponents) != dict(_exponents(target)) and not _lacks_radians_only(unit, defined, target):
+    if dict(defined.exponents) != dict(exponents(target)) and not _lacks_radians_only(unit, defined, target):
         raise UserError(
-            f"{where}: its unit '{unit}' is {_text(defined.exponents)} in base units, but {target or '1'} is expected; "
-            f"{_REMEDY}"
+            f"{where}: its unit '{unit}' is {base_units(defined.exponents)} in base units, but {target or '1'} is "
+            f"expected; {_REMEDY}"
         )
     return Conversion(defined.factor, defined.offset, target)
 
 
 def _lacks_radians_only(unit: str, defined: BaseUnit, target: str) -> bool:
     """Return whether a unit fits by its name, and its definition does not know the radian, as some tools write it."""
-    wanted, has = dict(_exponents(target)), dict(defined.exponents)
+    wanted, has = dict(exponents(target)), dict(defined.exponents)
     wanted.pop("rad", None)
     try:
         by_name = stated(unit, target, "")
@@ -100,11 +100,11 @@ def of_parameter(model: FmuModel, unit: str) -> Conversion | None:
         return conversion
     if conversion is not None and (math.isclose(conversion.scale, defined.factor) and _same(conversion, defined)):
         return Conversion(defined.factor, defined.offset, conversion.unit)
-    return Conversion(defined.factor, defined.offset, _text(defined.exponents))
+    return Conversion(defined.factor, defined.offset, base_units(defined.exponents))
 
 
 def _same(conversion: Conversion, defined: BaseUnit) -> bool:
-    return dict(_exponents(conversion.unit)) == dict(defined.exponents)
+    return dict(exponents(conversion.unit)) == dict(defined.exponents)
 
 
 def _coherent(source: str, where: str) -> str:
@@ -112,30 +112,30 @@ def _coherent(source: str, where: str) -> str:
     if source == "dimensionless":
         return source
     scale(source, source, where)  # whether it is a unit at all
-    base = _text(_exponents(source))
+    base = base_units(exponents(source))
     zero = to_si(f"0 {source}", base, where)
     return source if zero == 0.0 and to_si(f"1 {source}", base, where) == 1.0 else base
 
 
-def _exponents(unit: str) -> tuple[tuple[str, int], ...]:
+def exponents(unit: str) -> tuple[tuple[str, int], ...]:
     """Return the exponents of the base units of SI of a unit that pint reads."""
     if unit in _PLAIN:
         return ()
     units = registry()
     root = units.Quantity(1.0, unit).to_root_units().units
     order = ["kg", "m", "s", "A", "K", "mol", "cd", "rad"]
-    exponents: dict[str, Any] = {}
+    result: dict[str, Any] = {}
     powers: dict[str, Any] = dict(root._units)
     for name, power in powers.items():
         short = {**_PINT, "gram": "kg", "radian": "rad"}.get(name, name)
-        exponents[short] = power if int(power) != power else int(power)
-    return tuple(sorted(exponents.items(), key=lambda e: order.index(e[0]) if e[0] in order else len(order)))
+        result[short] = power if int(power) != power else int(power)
+    return tuple(sorted(result.items(), key=lambda e: order.index(e[0]) if e[0] in order else len(order)))
 
 
-def _text(exponents: tuple[tuple[str, int], ...]) -> str:
+def base_units(powers: tuple[tuple[str, int], ...]) -> str:
     """Return base units as text that pint reads."""
-    above = [name if power == 1 else f"{name}^{power}" for name, power in exponents if power > 0]
-    below = [name if power == -1 else f"{name}^{-power}" for name, power in exponents if power < 0]
+    above = [name if power == 1 else f"{name}^{power}" for name, power in powers if power > 0]
+    below = [name if power == -1 else f"{name}^{-power}" for name, power in powers if power < 0]
     if not above and not below:
         return "dimensionless"
     divisor = f"({'*'.join(below)})" if len(below) > 1 else "".join(below)

@@ -63,7 +63,7 @@ def _quoted(names: Sequence[str]) -> str:
     return ", ".join(f'"{n}"' for n in names) or "NULL"
 
 
-def _given(
+def filled_from(
     quantities: Sequence[Quantity], group: str, number: str, values: str, first: int = 0, factors: Sequence[float] = ()
 ) -> list[str]:
     """Return the lines that fill a structure from numbers, each times its factor."""
@@ -79,8 +79,8 @@ def _main(export: Export) -> str:
     name, face, number = export.name, export.interface, f"{export.name}_real"
     count = len(face.estimates)
     step = [
-        *_given(face.inputs, "inputs", number, "values"),
-        *_given(face.measurements, "measurements", number, "values", len(face.inputs)),
+        *filled_from(face.inputs, "inputs", number, "values"),
+        *filled_from(face.measurements, "measurements", number, "values", len(face.inputs)),
         f"    {name}_step(&estimator, &inputs, &measurements, &outcome);",
         *(f"    told[{i}] = (double) outcome.value.{q.field};" for i, q in enumerate(face.estimates)),
         *(f"    told[{count + i}] = (double) outcome.deviation.{q.field};" for i, q in enumerate(face.estimates)),
@@ -99,11 +99,11 @@ def adapter(export: Export) -> str:
     lines, first = [], 0
     for group in BELIEVED:
         quantities = export.quantities(group)
-        lines += _given(quantities, f"belief.{group}", number, "values", first, export.factors.get(group, ()))
+        lines += filled_from(quantities, f"belief.{group}", number, "values", first, export.factors.get(group, ()))
         first += len(quantities)
     step = [
-        *_given(face.inputs, "known", number, "inputs"),
-        *_given(face.measurements, "measured", number, "measurements"),
+        *filled_from(face.inputs, "known", number, "inputs"),
+        *filled_from(face.measurements, "measured", number, "measurements"),
     ]
     told = []
     for i, q in enumerate(face.estimates):

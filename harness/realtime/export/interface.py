@@ -27,6 +27,11 @@ class Quantity:
     says: str
     value: float | None = None
 
+    @property
+    def unit(self) -> str:
+        """Unit, 1 of what has none."""
+        return self.says.split(";")[0]
+
 
 @dataclass(frozen=True)
 class Interface:
@@ -53,9 +58,18 @@ def interface_of(compiled: CompiledModel, values: Sequence[float]) -> Interface:
     """
     model = compiled.model
     groups = (model.inputs, model.outputs, compiled.signal_names, model.states)
-    inputs, measurements, estimates, states = (_quantities((n, _of_signal(n)) for n in names) for names in groups)
-    parameters = _quantities(((p.name, _joined(p.unit, "", p.meaning)) for p in model.parameters), values)
-    return Interface(inputs, measurements, estimates, states, parameters)
+    inputs, measurements, estimates, states = map(of_signals, groups)
+    return Interface(inputs, measurements, estimates, states, of_parameters(compiled, values))
+
+
+def of_signals(names: Iterable[str]) -> tuple[Quantity, ...]:
+    """Return the quantities that signals are."""
+    return _quantities((n, _of_signal(n)) for n in names)
+
+
+def of_parameters(compiled: CompiledModel, values: Sequence[float]) -> tuple[Quantity, ...]:
+    """Return the quantities that the parameters of a model are, with their values."""
+    return _quantities(((p.name, _joined(p.unit, "", p.meaning)) for p in compiled.model.parameters), values)
 
 
 def _of_signal(name: str) -> str:

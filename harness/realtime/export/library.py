@@ -57,7 +57,7 @@ class Library:
     digest: str
 
 
-class _Memory:
+class MemoryLayout:
     """The memory of an estimator in the making."""
 
     def __init__(self) -> None:
@@ -95,7 +95,7 @@ def library_of(name: str, estimator: CompiledEstimator) -> Library:
     functions = [file.workspace, kernels.begin_exported, kernels.step_exported, kernels.tell_of_exported]
     given = kernels_of(file, compiled.model)
     module = load_source(f"export_{kind}", paste(compiled, f"export of {kind}", functions, given))
-    program, memory = Program(title), _Memory()
+    program, memory = Program(title), MemoryLayout()
 
     def function(of: Any) -> FunctionType:
         return getattr(module, of.__name__).py_func
@@ -150,7 +150,7 @@ _SAID = {
 }
 
 
-def _state(memory: _Memory, prefix: str, nx: int, rows: int) -> Parts:
+def _state(memory: MemoryLayout, prefix: str, nx: int, rows: int) -> Parts:
     return Parts(
         (
             memory.array(f"{prefix}mean", (nx, 1), "estimated state"),

@@ -72,15 +72,16 @@ BELIEVED = {
 """What an estimator believes, in the order in which a study hands it over; values are those of the study."""
 
 
-def _comment(text: str, margin: str = "") -> str:
+def comment(text: str, margin: str = "") -> str:
+    """Return text as a comment."""
     lines = textwrap.wrap(text, WIDTH - len(margin) - 6)
     return f"{margin}/* " + f"\n{margin} * ".join(lines) + " */"
 
 
-def _structure(name: str, quantities: Sequence[Quantity], number: str, what: str, empty: str) -> str:
+def structure(name: str, quantities: Sequence[Quantity], number: str, what: str, empty: str) -> str:
     """Return a structure with a field for each quantity; one of none has a number of no meaning."""
     fields = [f"    {number} {q.field}; /* {q.says} */" for q in quantities] or [f"    {number} none; /* {empty} */"]
-    return "\n".join([_comment(what), "typedef struct {", *fields, f"}} {name};"])
+    return "\n".join([comment(what), "typedef struct {", *fields, f"}} {name};"])
 
 
 def header(export: Export) -> str:
@@ -98,7 +99,7 @@ def header(export: Export) -> str:
     counts = {"INPUTS": face.inputs, "MEASUREMENTS": face.measurements, "ESTIMATES": face.estimates,
               "STATES": face.states, "PARAMETERS": face.parameters}  # fmt: skip
     parts = [
-        _comment(
+        comment(
             f"{export.title}. Printed by the robustness harness from the kernels that its studies run; do not edit. "
             f"{export.settings} SI units; axes of ISO 8855: x forward, y left, z up. An estimator has {export.memory} "
             "bytes of memory, which the caller keeps; nothing is allocated, nothing calls itself. Several may run."
@@ -107,11 +108,11 @@ def header(export: Export) -> str:
         f"typedef {export.precision} {number};",
         "\n".join(values + [f"#define {upper}_{key} {len(group)}" for key, group in counts.items()]),
         _places(upper, face.states),
-        _structure(f"{name}_inputs", face.inputs, number, "What is known, at a sample and held until the next.",
+        structure(f"{name}_inputs", face.inputs, number, "What is known, at a sample and held until the next.",
                    "there is no input"),
-        _structure(f"{name}_measurements", face.measurements, number, "What is measured at a sample; NaN is missing.",
+        structure(f"{name}_measurements", face.measurements, number, "What is measured at a sample; NaN is missing.",
                    "there is no measurement"),
-        _structure(f"{name}_signals", face.estimates, number, "What is estimated.", "nothing is estimated"),
+        structure(f"{name}_signals", face.estimates, number, "What is estimated.", "nothing is estimated"),
         _outcome(name, number),
         _belief(export, number),
         _memory(name, number, export.library.members),
@@ -124,7 +125,7 @@ def header(export: Export) -> str:
 def _places(upper: str, states: Sequence[Quantity]) -> str:
     lines = [f"    {upper}_STATE_{q.field.upper()} = {i}, /* {q.says} */" for i, q in enumerate(states)]
     lines[-1] = lines[-1].replace(", /*", " /*", 1)
-    return "\n".join([_comment("Places of the states in mean and covariance."), "enum {", *lines, "};"])
+    return "\n".join([comment("Places of the states in mean and covariance."), "enum {", *lines, "};"])
 
 
 def _outcome(name: str, number: str) -> str:
@@ -141,7 +142,7 @@ typedef struct {{
 
 
 def _belief(export: Export, number: str) -> str:
-    lines = [_comment("What is believed; of parameters, noise and first states."), "typedef struct {"]
+    lines = [comment("What is believed; of parameters, noise and first states."), "typedef struct {"]
     for group, meaning in BELIEVED.items():
         lines += [f"    struct {{ /* {meaning} */"]
         quantities = export.quantities(group)
@@ -153,14 +154,12 @@ def _belief(export: Export, number: str) -> str:
 
 
 def _of(group: str, quantity: Quantity) -> str:
-    if not group.endswith(("noise", "variance")):
-        return quantity.says
-    return f"({quantity.says.split(';')[0]})^2"
+    return f"({quantity.unit})^2" if group.endswith(("noise", "variance")) else quantity.says
 
 
 def _memory(name: str, number: str, members: Sequence[Member]) -> str:
     lines = [f"    {number} {m.name}[{m.size}]; /* {m.meaning} */" for m in members]
-    return "\n".join([_comment("An estimator; read what you like, and write nothing but to go on from a state "
+    return "\n".join([comment("An estimator; read what you like, and write nothing but to go on from a state "
                                "that was kept: mean, covariance, memory and inputs_before, with begun."),
                       "typedef struct {", "    bool begun;", *lines, f"}} {name};"])  # fmt: skip
 
@@ -222,26 +221,29 @@ _LAYOUT = {
 
 def source(export: Export) -> str:
     """Return the text of the source."""
-    name, library, layout = export.name, export.library, _LAYOUT[export.precision]
-    kernels = library.source
+    functions = [_believe(export), _begin(export), _step(export)]
+    return with_kernels(export.title, export.name, export.precision, export.library.source, functions)
+
+
+def with_kernels(title: str, name: str, precision: Precision, kernels: str, functions: Sequence[str]) -> str:
+    """Return the text of a source: kernels, and the functions over them that its header declares."""
+    layout = _LAYOUT[precision]
     needed = [
         text for text, function in ((_POWER, "power_of_two("), (_EXPONENT, "exponent_of(")) if function in kernels
     ]
     bits = [_filled(text, layout) for text in needed]
     parts = [
-        _comment(f"{export.title}: see {name}.h. Printed by the robustness harness; do not edit."),
+        comment(f"{title}: see {name}.h. Printed by the robustness harness; do not edit."),
         "\n".join([f'#include "{name}.h"', "", "#include <math.h>", *(["#include <stdint.h>"] if bits else []),
                    "#include <string.h>"]),
         '#ifdef __FAST_MATH__\n#error "no -ffast-math: NaN is a missing measurement, and sums have an order"\n#endif',
-        _PRELUDE[export.precision],
+        _PRELUDE[precision],
         *bits,
         kernels,
-        _believe(export),
-        _begin(export),
-        _step(export),
+        *functions,
     ]  # fmt: skip
     text = "\n\n".join(parts)
-    if export.precision == "float":
+    if precision == "float":
         text = in_single_precision(text)
     return "\n".join(wrapped(text)) + "\n"
 
@@ -259,11 +261,13 @@ def _believe(export: Export) -> str:
     return "\n".join([*lines, "}"])
 
 
-def _array(name: str, places: Sequence[str]) -> str:
+def array_of(name: str, places: Sequence[str]) -> str:
+    """Return the statement that gathers numbers in an array."""
     return f"    const real {name}[{len(places)}] = {{{', '.join(places)}}};"
 
 
-def _mentioned(name: str, lines: Sequence[str]) -> bool:
+def mentioned(name: str, lines: Sequence[str]) -> bool:
+    """Return whether lines of C mention a name."""
     return any(re.search(rf"\b{name}\b", line) for line in lines)
 
 
@@ -271,8 +275,8 @@ def _begin(export: Export) -> str:
     lines = [f"void {export.name}_begin({export.name} *e, const {export.name}_belief *belief) {{"]
     for array, group in (("p", "parameters"), ("first", "first"), ("variance", "first_variance")):
         fields = [f"belief->{group}.{q.field}" for q in export.quantities(group)]
-        if _mentioned(array, export.library.begin) and fields:
-            lines.append(_array(array, fields))
+        if mentioned(array, export.library.begin) and fields:
+            lines.append(array_of(array, fields))
     lines.append("    memset(e, 0, sizeof *e);")
     for group in ("process_noise", "measurement_noise"):
         lines += [f"    e->{group}[{i}] = belief->{group}.{q.field};" for i, q in enumerate(export.quantities(group))]
@@ -285,8 +289,8 @@ def _step(export: Export) -> str:
              f"{name}_outcome *outcome) {{"]  # fmt: skip
     for array, group, quantities in (("u", "inputs", face.inputs), ("y", "measurements", face.measurements)):
         used = [*library.take, *library.tell, "inputs_before[0] = u" if array == "u" else ""]
-        if quantities and _mentioned(array, used):
-            lines.append(_array(array, [f"{group}->{q.field}" for q in quantities]))
+        if quantities and mentioned(array, used):
+            lines.append(array_of(array, [f"{group}->{q.field}" for q in quantities]))
         else:
             lines.append(f"    (void) {group};")
     held = [f"        e->inputs_before[{i}] = u[{i}];" for i in range(len(face.inputs))]

@@ -1,0 +1,353 @@
+"""Estimators and plants as FMUs: FMPy validates and runs them, and the harness takes them back."""
+
+import ctypes
+import dataclasses
+import subprocess
+import tomllib
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from harness.cli.main import app
+from harness.common.errors import UserError
+from harness.common.files import write_files
+from harness.config import build_study
+from harness.external.fmu.model import platform_of, read_model
+from harness.realtime.export import run
+from harness.realtime.export.fmi.archive import binary_place, fmu, sources
+from harness.realtime.export.fmi.component import of_a_plant, of_estimator
+from harness.realtime.export.fmi.description import compiled_files
+from harness.realtime.export.plant import printed_plant
+from harness.realtime.export.steps import WARNINGS
+from harness.simulation.drives import profile_of
+from harness.simulation.simulate import simulate_drive
+from harness.study.design import units
+from harness.study.evaluate import StudyEvaluator
+from support.exports import COMPILER, made
+from support.observers import CONTENT, needs_compiler
+
+fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed")
+
+pytestmark = needs_compiler
+
+EKF = {"name": "EKF", "kind": "ekf"}
+STEP = 0.01
+VERSIONS = pytest.mark.parametrize("version", [2, 3])
+
+
+def study_of(folder, **changes):
+    return build_study({**CONTENT, "estimator": [EKF], **changes}, folder / "study.toml")
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory):
+    return run.export(study_of(tmp_path_factory.mktemp("study")), None, "double", None, (None, 3.0))
+
+
+@pytest.fixture(scope="module")
+def estimator(exported):
+    return of_estimator(exported.export, True)
+
+
+@pytest.fixture(scope="module")
+def plant(tmp_path_factory):
+    return of_a_plant(printed_plant(study_of(tmp_path_factory.mktemp("plant"))))
+
+
+def written(component, version, folder):
+    content, has_binary = fmu(component, version)
+    assert has_binary
+    path = folder / f"{component.name}.fmu"
+    path.write_bytes(content)
+    return path
+
+
+class Slave:
+    """An instance of an FMU, in the calls of both versions; ``said`` is of all, as FMPy has one logger for FMI 2."""
+
+    said: ClassVar[list[tuple]] = []
+
+    def __init__(self, path, token=None):
+        from fmpy.fmi2 import FMU2Slave
+        from fmpy.fmi3 import FMU3Slave
+
+        described = fmpy.read_model_description(str(path))
+        self.version = described.fmiMajorVersion
+        self.references = {v.name: v.valueReference for v in described.modelVariables}
+        self.fmu = (FMU2Slave if self.version == 2 else FMU3Slave)(
+            guid=token or described.guid,
+            modelIdentifier=described.coSimulation.modelIdentifier,
+            unzipDirectory=fmpy.extract(str(path)),
+        )
+        if self.version == 2:
+            from fmpy.fmi2 import addLoggerProxy, defaultCallbacks, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
+
+            def hear(environment, name, status, category, message):
+                self.said.append((status, category, message))
+
+            callbacks = fmi2CallbackFunctions()
+            callbacks.logger = self._hear = fmi2CallbackLoggerTYPE(hear)
+            callbacks.allocateMemory = defaultCallbacks.allocateMemory
+            callbacks.freeMemory = defaultCallbacks.freeMemory
+            addLoggerProxy(ctypes.byref(callbacks))
+            self.fmu.instantiate(callbacks=callbacks)
+        else:
+            self.fmu.instantiate(logMessage=lambda environment, *said: self.said.append(said))
+
+    def begin(self, **first):
+        if self.version == 2:
+            self.fmu.setupExperiment(startTime=0.0)
+        self.fmu.enterInitializationMode()
+        self.set(**first)
+        self.fmu.exitInitializationMode()
+        return self
+
+    def set(self, **values):
+        for name, value in values.items():
+            reference = [self.references[name]]
+            if isinstance(value, bool):
+                self.fmu.setBoolean(reference, [value])
+            elif self.version == 2:
+                self.fmu.setReal(reference, [value])
+            else:
+                self.fmu.setFloat64(reference, [value])
+
+    def get(self, *names):
+        references = [self.references[n] for n in names]
+        return list(self.fmu.getReal(references) if self.version == 2 else self.fmu.getFloat64(references))
+
+    def step(self, at, size=STEP):
+        self.fmu.doStep(at, size)
+
+    @property
+    def words(self):
+        return [text.decode() if isinstance(text, bytes) else text for _, _, text in self.said]
+
+
+INPUTS = {"steering_wheel_angle": 0.1, "speed": 15.0}
+ESTIMATES = ("estimate_lateral_velocity", "estimate_yaw_rate", "deviation_lateral_velocity", "nis")
+
+
+@VERSIONS
+def test_the_c_compiles_without_a_word_and_beside_the_headers_of_the_standard(version, tmp_path, estimator, plant):
+    headers = Path(fmpy.__file__).parent / "c-code"
+    for component in (estimator, plant):
+        folder = tmp_path / component.name
+        write_files(folder, sources(component, version))
+        for name in compiled_files(component, version):
+            subprocess.run([COMPILER, *WARNINGS, "-c", name], cwd=folder, check=True)
+        standard = ["-std=c11", "-Werror", f"-I{headers}", "-include", f"fmi{version}Functions.h"]
+        subprocess.run([COMPILER, *standard, "-c", f"fmi{version}.c"], cwd=folder, check=True)
+
+
+@VERSIONS
+def test_fmpy_finds_no_fault_and_simulates_what_the_harness_estimated(version, tmp_path, exported, estimator):
+    from fmpy.validation import validate_fmu
+
+    path = written(estimator, version, tmp_path)
+    assert validate_fmu(str(path)) == []
+    names = [q.name for q in (*exported.export.interface.inputs, *exported.export.interface.measurements)]
+    lines = exported.files["replay.csv"].splitlines()
+    table = np.array([[float(x) for x in line.split(",")[: len(names)]] for line in lines[1:]])
+    # At the end of a step are the estimates of what was set before it; FMPy sets what is of its beginning.
+    series = np.zeros(len(table) - 1, dtype=[("time", float), *((n, float) for n in names)])
+    series["time"] = STEP * np.arange(len(series))
+    for i, name in enumerate(names):
+        series[name] = table[1:, i]
+    first = dict(zip(names, table[0], strict=True))
+    result = fmpy.simulate_fmu(
+        str(path), stop_time=STEP * len(series), output_interval=STEP, input=series, fmi_type="CoSimulation",
+        start_values={n: first[n] for n in INPUTS}, output=ESTIMATES,
+    )  # fmt: skip
+    history = exported.history
+    assert len(result) == len(table)
+    # input at 0 is of sample 1 as well, which only the estimate of the first sample would show
+    for i, name in enumerate(("lateral_velocity", "yaw_rate")):
+        scale = np.abs(history.estimate[:, i]).max()
+        np.testing.assert_allclose(
+            result[f"estimate_{name}"][1:], history.estimate[1:, i], rtol=0, atol=1e-9 * scale, err_msg=name
+        )
+
+
+@VERSIONS
+def test_a_study_has_the_scores_of_the_library_in_c_to_the_bit(version, tmp_path, exported, estimator):
+    write_files(tmp_path, exported.files)
+    made(tmp_path, "all")
+    written(estimator, version, tmp_path)
+    targets = ["lateral_velocity", "yaw_rate"]
+    (tmp_path / "map.toml").write_text("[estimates]\n" + "".join(f'{n} = "estimate_{n}"\n' for n in targets))
+    (library,) = tomllib.loads((tmp_path / "estimator.toml").read_text())["estimator"]
+    shared = {**library, "variances": False, "nis": False}
+    del shared["library"]
+    own = {"name": "fmu", "fmu": f"{exported.export.name}.fmu", "settings": {"map": "map.toml"}}
+    both = [{**shared, "name": "C", "library": library["library"]}, {**shared, **own}]
+    results = scores(study_of(tmp_path, estimator=both))
+    for name in ("rmse", "max_error", "status"):
+        library, own = np.moveaxis(results[name], 2, 0)
+        assert np.isfinite(library).all()
+        np.testing.assert_array_equal(own, library, err_msg=name)
+
+
+def scores(study):
+    evaluator = StudyEvaluator(study)
+    results = [evaluator.evaluate(unit) for design in study.designs for unit in units(study, design)]
+    assert evaluator.lost() == []
+    return {name: np.concatenate([r[name] for r in results]) for name in results[0]}
+
+
+@VERSIONS
+def test_what_a_step_may_be(version, tmp_path, estimator):
+    path = written(estimator, version, tmp_path)
+    slave = Slave(path).begin(**INPUTS)
+    for size, word in ((0.5 * STEP, "no multiple of 0.01"), (1.5 * STEP, "no multiple"), (0.0, "no multiple")):
+        with pytest.raises(Exception, match="discard"):
+            slave.step(0.0, size)
+        assert word in slave.words[-1]
+    with pytest.raises(Exception, match="error"):
+        slave.step(5 * STEP)
+    assert "begin at 0.05 s, but the instance is at 0 s" in slave.words[-1]
+    slave.set(yaw_rate=0.02)
+    slave.step(0.0, 3 * STEP)
+    own = Slave(path).begin(**INPUTS)
+    own.step(0.0)
+    own.step(STEP)
+    own.set(yaw_rate=0.02)
+    own.step(2 * STEP)
+    assert slave.get(*ESTIMATES) == own.get(*ESTIMATES)
+    assert own.get("nis")[0] > 0.0
+    slave.set(speed=float("nan"))
+    with pytest.raises(Exception, match="error"):
+        slave.step(3 * STEP)
+    assert slave.words[-1] == "is no number: input speed"
+
+
+@VERSIONS
+def test_a_measurement_is_missing_where_it_is_no_number_or_said_to_be(version, tmp_path, estimator):
+    path = written(estimator, version, tmp_path)
+    told = {}
+    for case, given in {
+        "there": {"yaw_rate": 0.3, "lateral_acceleration": 1.0},
+        "no number": {"yaw_rate": 0.3, "lateral_acceleration": float("nan")},
+        "not valid": {"yaw_rate": 0.3, "lateral_acceleration": 1.0, "valid_lateral_acceleration": False},
+    }.items():
+        slave = Slave(path).begin(**INPUTS)
+        slave.set(**given)
+        slave.step(0.0)
+        told[case] = slave.get(*ESTIMATES)
+    assert told["no number"] == told["not valid"]
+    assert told["there"] != told["not valid"]
+
+
+@VERSIONS
+def test_a_state_is_kept_and_goes_on(version, tmp_path, estimator):
+    path = written(estimator, version, tmp_path)
+    slave = Slave(path).begin(**INPUTS)
+    slave.set(yaw_rate=0.02)
+    slave.step(0.0)
+    state = slave.fmu.getFMUstate() if version == 2 else slave.fmu.getFMUState()
+    octets = slave.fmu.serializeFMUstate(state) if version == 2 else slave.fmu.serializeFMUState(state)
+    slave.step(STEP)
+    wanted = slave.get(*ESTIMATES)
+    other = Slave(path)
+    if version == 2:
+        other.fmu.setFMUstate(other.fmu.deSerializeFMUstate(octets))
+    else:
+        other.fmu.setFMUState(other.fmu.deserializeFMUState(octets))
+    other.step(STEP)
+    assert other.get(*ESTIMATES) == wanted
+    with pytest.raises(Exception, match="error"):
+        (other.fmu.deSerializeFMUstate if version == 2 else other.fmu.deserializeFMUState)(octets[:-1])
+    assert other.words[-1] == "is no state of this model"
+
+
+@VERSIONS
+def test_parameters_are_fixed_once_initialised_and_another_token_is_refused(version, tmp_path, estimator):
+    path = written(estimator, version, tmp_path)
+    heavy, usual = Slave(path), Slave(path).begin(**INPUTS)
+    heavy.set(mass=2400.0)
+    heavy.begin(**INPUTS)
+    for slave in (heavy, usual):
+        slave.step(0.0, 100 * STEP)
+    assert heavy.get(*ESTIMATES) != usual.get(*ESTIMATES)
+    with pytest.raises(Exception, match="error"):
+        heavy.set(mass=1000.0)
+    assert "fixed once initialised; reset, then set it: mass" in heavy.words[-1]
+    heavy.fmu.reset()
+    heavy.begin(**INPUTS).step(0.0, 100 * STEP)
+    assert heavy.get(*ESTIMATES) == usual.get(*ESTIMATES)
+    with pytest.raises(Exception, match="instantiate"):
+        Slave(path, "{of another}")
+
+
+@VERSIONS
+def test_a_plant_drives_as_the_harness_simulates_it(version, tmp_path, plant):
+    from fmpy.validation import validate_fmu
+
+    study = study_of(tmp_path)
+    path = written(plant, version, tmp_path)
+    assert validate_fmu(str(path)) == []
+    profile = profile_of(study.plant, study.drives[0])
+    names = ["yaw_rate", "lateral_velocity", "lateral_acceleration"]
+    wanted = simulate_drive(study.plant, profile, names)
+    slave, told = Slave(path), []
+    steering, speed = profile.steering_wheel_angle, profile.speed
+    slave.begin(steering_wheel_angle=steering[0], speed=speed[0])
+    for k in range(len(profile.time)):
+        slave.set(steering_wheel_angle=steering[k], speed=speed[k])
+        told.append(slave.get(*names))
+        slave.step(k * STEP)
+    for i, name in enumerate(names):
+        truth = wanted[f"true_{name}" if f"true_{name}" in wanted else name].values
+        assert np.abs(truth).max() > 0.01
+        np.testing.assert_allclose(np.array(told)[:, i], truth, rtol=0, atol=1e-12 * np.abs(truth).max())
+
+
+@VERSIONS
+def test_a_study_of_the_exported_plant_has_the_scores_of_the_plant(version, tmp_path, plant):
+    written(plant, version, tmp_path)
+    spec = study_of(tmp_path, plant={**CONTENT["plant"], "noise": {"process_scale": 0}}, belief=CONTENT["plant"])
+    foreign = study_of(tmp_path, plant={"fmu": f"{plant.name}.fmu", "sensors": "car_series"}, belief=CONTENT["plant"])
+    own, theirs = scores(spec), scores(foreign)
+    for name in ("rmse", "max_error", "nis", "status"):
+        assert np.isfinite(own[name]).all()
+        np.testing.assert_allclose(theirs[name], own[name], rtol=1e-9, atol=1e-12, err_msg=name)
+
+
+@VERSIONS
+def test_this_machine_is_called_as_fmpy_calls_it(version, monkeypatch):
+    assert binary_place(version) == platform_of(version)
+    monkeypatch.setattr("platform.machine", lambda: "vax")
+    with pytest.raises(UserError, match="no name for binaries of"):
+        binary_place(version)
+
+
+def test_without_a_compiler_there_are_the_sources(tmp_path, monkeypatch, estimator):
+    monkeypatch.setattr("shutil.which", lambda name: None)
+    content, has_binary = fmu(estimator, 3)
+    assert not has_binary
+    path = tmp_path / "sources.fmu"
+    path.write_bytes(content)
+    assert read_model(path).has_sources
+    with pytest.raises(UserError, match="C code only"):
+        read_model(path).library("co-simulation")
+
+
+def test_the_same_fmu_has_the_same_description_and_another_belief_another_token(exported, estimator):
+    assert estimator.token == of_estimator(exported.export, True).token
+    values = {**exported.export.variances, "first": [0.1, 0.0]}
+    assert estimator.token != of_estimator(dataclasses.replace(exported.export, variances=values), True).token
+
+
+def test_the_command_writes_them(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "car.toml").write_text(study_of(tmp_path).text)
+    done = CliRunner().invoke(app, ["export", "car.toml", "--plant", "--fmi", "3", "--out", "plant"])
+    assert done.exit_code == 0, done.output
+    assert {p.name for p in (tmp_path / "plant").iterdir()} == {f"foreign_plant.{e}" for e in ("h", "c", "fmu")}
+    assert read_model(tmp_path / "plant/foreign_plant.fmu").version == 3
+    done = CliRunner().invoke(app, ["export", "car.toml", "--plant", "-e", "EKF"])
+    assert done.exit_code == 2
+    assert "--plant: has no --estimator" in done.output
