@@ -97,6 +97,7 @@ def kinds(folder: Path) -> dict[str, Kind]:
         **{form: files(0.02, f"bus.{form}", lambda path: _bus(made / "bus.blf", path)) for form in DATABASES},
         "text of loggers": files(0.08, "a.csv", loggers.read, loggers.preambles(), loggers.preambles()),
         "vbo": files(0.02, "a.vbo", _tables_of),
+        "tdx": files(0.01, "a.tdx", _tables_of),
         "erg": replace(files(0.01, "a.erg", _tables_of), prepare=lambda path: copy(made / "a.erg.info", path.parent)),
         "erg info": replace(
             files(0.01, "a.erg.info", lambda path: _tables_of(path.with_suffix(""))),

@@ -24,6 +24,13 @@ File.At.2.Type = Float
 Quantity.speed.Unit = m/s
 """
 _VBO = "File created\n\n[header]\nsatellites\ntime\nlatitude\nlongitude\nvelocity kmh\n[column names]\n{}\n[data]\n{}\n"
+_TYDEX = f"""**HEADER
+RELEASE   Release                                 1.3
+**MEASURCHANNELS
+{"RUNTIME":40}{"s":10}1.0       0.0       0.0
+{"FYW":40}{"N":10}-10.0     0.0       0.0
+**MEASURDATA
+"""
 _PREAMBLES = (
     '"Format","MoTeC CSV File",,,"Workbook",""\n"Log Time","10:00:00"\n\n', "Format,3\nSession,A\n\n", "sep=;\n",
     "LabVIEW Measurement\t\nSeparator\tTab\n***End_of_Header***\t\n\n",
@@ -42,6 +49,11 @@ def write(folder: Path) -> None:
 
     rows = "\n".join(f"012 1000{t:05.2f} +2880.600 -00660.300 {50 + t:.3f}" for t in TIME)
     (folder / "a.vbo").write_text(_VBO.format("sats time lat long velocity", rows), encoding="utf-8")
+    (folder / "a.tdx").write_text(
+        _TYDEX + "\n".join(f"{t:.2f} {50 * t:.1f}" for t in TIME) + "\n**END\n", encoding="utf-8"
+    )
+    stamps = "\n".join(f"({0.02 + 0.01 * (i % 3):010.6f}) can0 100#E803000000000000" for i in range(60))
+    (folder / "before.log").write_text(stamps, encoding="utf-8")
     records = np.zeros(len(TIME), np.dtype([("Time", "<f8"), ("speed", "<f4")]))
     records["Time"], records["speed"] = TIME, 20.0 + TIME
     head = b"CM-ERG\0\0\1\0" + struct.pack("<H", records.itemsize) + bytes(4)
