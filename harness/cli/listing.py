@@ -22,7 +22,7 @@ from harness.common.errors import UserError
 from harness.common.files import read_toml
 from harness.common.registry import Role, closest
 from harness.config.roles import ESTIMATORS
-from harness.models.assembly.placement import OF_SIGNAL
+from harness.models.assembly.placement import OF_SIGNAL, is_degradation
 from harness.models.roles import ROLES as MODEL_ROLES
 from harness.models.roles import TYRES, VEHICLES
 from harness.recordings.readers import READERS
@@ -67,13 +67,16 @@ def show(console: Console, role: str, name: str | None = None, here: Path | None
     if role not in ROLES:
         raise UserError(f"unknown role '{role}'{closest(role, ROLES)}")
     if role == "models":
-        for part in ("vehicles", "tyres", "effects", "sensors", "parameters"):
+        for part in ("vehicles", "tyres", "effects", "degradations", "sensors", "parameters"):
             show(console, part)
     elif role in FILES:
         _files(console, role, here if role == "studies" else None)
     elif role == "signals":
         _signals(console)
     elif name is not None:
+        if role == "effects" and is_degradation(name):
+            role = "degradations"
+            console.print(Text(f"{name} is a degradation of sensors, which is named among the effects of a plant"))
         LISTED[role].load(name)
         component = LISTED[role].components()[name]
         console.print(Text(f"{name}: {summary(component)}"))

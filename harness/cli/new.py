@@ -20,7 +20,9 @@ from harness.common.places import refuse_links
 
 Form = Literal["kernels", "observer", "python", "library"]
 
-Kind = Literal["project", "vehicle", "effect", "estimator", "tyre", "study", "channels", "parameters", "plant"]
+Kind = Literal[
+    "project", "vehicle", "effect", "degradation", "estimator", "tyre", "study", "channels", "parameters", "plant"
+]
 
 WRITES: dict[str, dict[str, str]] = {
     "project": {
@@ -35,6 +37,10 @@ WRITES: dict[str, dict[str, str]] = {
         "tests/test_{name}.py": "vehicle_test.py",
     },
     "effect": {"effects/{name}.py": "effect.py", "tests/test_{name}.py": "effect_test.py"},
+    "degradation": {
+        "degradations/{name}.py": "degradation.py",
+        "tests/test_{name}.py": "degradation_test.py",
+    },
     "estimator": {"estimators/{name}.py": "estimator.py", "tests/test_{name}.py": "estimator_test.py"},
     "estimator observer": {"estimators/{name}.py": "observer_kernels.py", "tests/test_{name}.py": "estimator_test.py"},
     "estimator python": {"studies/{name}.py": "observer.py"},
@@ -47,12 +53,13 @@ WRITES: dict[str, dict[str, str]] = {
 FOREIGN = ("estimator python", "estimator library")
 """Entries that run in processes of their own, so that they may lie outside of a project."""
 
-ROLES = {"vehicle": "vehicles", "effect": "effects", "estimator": "estimators", "tyre": "tyres"}
+ROLES = {kind: f"{kind}s" for kind in ("vehicle", "effect", "degradation", "estimator", "tyre")}
 
 NEXT = {
     "project": "cd {name} && harness run first",
     "vehicle": "pytest tests/test_{name}.py; harness simulate {name} --drive sine --out sine.csv",
     "effect": 'pytest tests/test_{name}.py; in a study: plant = {{ ..., effects = ["{name}"] }}',
+    "degradation": 'pytest tests/test_{name}.py; in a study: plant = {{ ..., effects = ["{name}"] }}',
     "estimator": 'pytest tests/test_{name}.py; in a study: [[estimator]] kind = "{name}"',
     "estimator observer": 'pytest tests/test_{name}.py; in a study: [[estimator]] kind = "{name}"',
     "estimator python": 'in a study of a car: [[estimator]] kind = "external", python = "{name}:Observer"',
@@ -102,9 +109,9 @@ def new(
 ) -> None:
     """Write a commented file to start from, which works as it is.
 
-    A project folder with a study; in it a vehicle with values, an effect, an estimator or a tyre, each with its test; a
-    study; a channel map that is proposed from the names, units and values of a recording, or the map of a plant that is
-    an FMU from its description; or a parameter file for a vehicle that there is already.
+    A project folder with a study; in it a vehicle with values, an effect, a degradation of sensors, an estimator or a
+    tyre, each with its test; a study; a channel map that is proposed from the names, units and values of a recording,
+    or the map of a plant that is an FMU from its description; or a parameter file for a vehicle that there is already.
     """
     console = Console()
     entry = kind if form == "kernels" else f"{kind} {form}"

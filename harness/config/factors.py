@@ -224,7 +224,8 @@ def _report_unit(table: FactorTable, unit: str, key: str, problems: Problems) ->
             scale(table.unit, unit, problems.at(key))
             return table.unit
         return None
-    written = next((w for w in map(_written_unit, _entries(table)) if w and w not in _PERCENT), None)
+    relative = () if table.levels or table.range else _PERCENT  # of what is nominal
+    written = next((w for w in map(_written_unit, _entries(table)) if w and w not in relative), None)
     if written is None:
         return unit
     try:

@@ -10,7 +10,7 @@ from typing import Any, Literal
 from harness.common import registry
 from harness.common.errors import ModelError
 from harness.config.bounds import broken_relations, out_of_bounds
-from harness.config.parameter_set import ParameterSet, load_set, variance_unit
+from harness.config.parameter_set import ParameterSet, load_set, refuse_unknown_units, variance_unit
 from harness.config.problems import Problems, validated
 from harness.config.schema import ModelTable
 from harness.config.specs import ModelSpec, assembled
@@ -196,7 +196,7 @@ def _assemble(table: Stated, problems: Problems) -> StateSpaceModel | None:
         if effect in effects[:i]:
             problems.add(f"{table.key('effects')}[{i}]", f"effect '{effect}' is named twice; remove one")
         with problems.catch(f"{table.key('effects')}[{i}]"):
-            load_effect(effect)
+            refuse_unknown_units(load_effect(effect))
             if table.side == "belief" and is_degradation(effect):
                 raise ModelError(f"'{effect}' degrades the sensors of a plant, no estimator believes in it; remove it")
     if len(problems) > before:

@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from harness.common import registry
-from harness.common.errors import MissingFileError, UserError
+from harness.common.components import place_of
+from harness.common.errors import MissingFileError, ModelError, UserError
 from harness.common.files import read_toml, toml_text
+from harness.common.units import scale
 from harness.config.problems import Problems, validated
 from harness.config.schema import ParameterFile
 from harness.config.specs import ModelSpec
-from harness.models.assembly.placement import load_effect, possible_parameters
+from harness.models.assembly.placement import OF_SIGNAL, load_effect, possible_parameters
 from harness.models.roles import DEGRADATIONS, EFFECTS, PARAMETERS, SENSORS, TYRES, VEHICLES
 from harness.models.signals import SIGNALS
 
@@ -233,3 +236,20 @@ def variance_unit(signal: str) -> str:
     """Return the unit of a signal's variance; a signal not in the table takes plain numbers only."""
     unit = SIGNALS[signal].unit if signal in SIGNALS else ""
     return f"({unit})**2" if unit not in ("", "dimensionless") else ""
+
+
+def refuse_unknown_units(effect: ModuleType) -> None:
+    """Refuse an effect or degradation with a parameter in a unit that there is not, before a value of it is read.
+
+    Raises:
+        ModelError: If it has one.
+    """
+    for parameter in effect.PARAMETERS:
+        try:
+            if parameter.unit != OF_SIGNAL:
+                scale(parameter.unit, parameter.unit, parameter.name)
+        except UserError:
+            raise ModelError(
+                f"{place_of(effect)}: parameter '{parameter.name}': '{parameter.unit}' is no unit; write one such "
+                "as 'kg*m^2', or 'dimensionless'"
+            ) from None

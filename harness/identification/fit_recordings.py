@@ -27,6 +27,7 @@ from harness.identification.innovations import Innovations
 from harness.identification.measured_file import finely, fitted_parameters, names_of, refuse_repeated
 from harness.identification.report import report
 from harness.identification.result import FILE, Judged, answer, judge, series_of, write_outcome
+from harness.models.assembly.degradation import refuse_degradations
 from harness.recordings.check.examine import recording_warnings
 from harness.reporting.document import Prose, plain
 
@@ -143,6 +144,7 @@ def fit_recordings(task: FitTask, say: Callable[[str], None] = lambda _: None) -
 
 def _check_free(spec: ModelSpec, names: Sequence[str]) -> None:
     """Refuse names that the model does not have before anything is compiled."""
+    refuse_degradations(spec.model())
     parameters = spec.model().parameter_names
     if not names:
         raise UserError(f"free: name the parameters to estimate; the model has: {', '.join(parameters)}")

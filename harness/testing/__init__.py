@@ -12,6 +12,7 @@ Each takes the name of a component, wherever it comes from (``docs/plugins.md``)
 """
 
 from harness.testing.data_files import check_parameter_set, check_reader, check_sensors
+from harness.testing.degradations import check_degradation
 from harness.testing.drives import check_drive
 from harness.testing.effects import check_effect
 from harness.testing.estimators import check_estimator
@@ -21,6 +22,7 @@ from harness.testing.vehicles import check_vehicle
 
 __all__ = [
     "ContractError",
+    "check_degradation",
     "check_drive",
     "check_effect",
     "check_estimator",

@@ -101,6 +101,7 @@ def test_a_fit_that_makes_the_simulation_worse_says_so_first_and_in_its_file(fol
     ("words", "said"),
     [
         ([], "free: name the parameters to estimate; the model has: stiffness_over_load_front"),
+        (["--effect", "dropout"], "error: 'dropout' degrades the sensors of a plant; no estimator believes in it"),
         (["--free", "stiffness_front"], "closest: stiffness_over_load_front"),
         (["--free", "cog_height,cog_height"], "free: 'cog_height' is named 2 times; name it once"),
         (["--free", "cog_height", "-f", "cog_height,"], "free: 'cog_height' is named 2 times; name it once"),

@@ -300,6 +300,7 @@ def test_list_one_file_with_its_settings(harness):
         ("tyres", "linear", "stiffness_peak"),
         ("sensors", "test_vehicle", "lateral_force_axle_21"),
         ("estimators", "ukf", "settings of ukf"),
+        ("effects", "dropout", "is a degradation of sensors"),
     ):
         assert word in harness("list", role, name)[1]
 

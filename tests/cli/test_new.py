@@ -22,7 +22,7 @@ from harness.testing import check_estimator, check_tyre, check_vehicle
 from support.observers import CONTENT, OF_THE_LIBRARY, needs_compiler
 from support.plugins import forget
 
-COMPONENTS = ("vehicle", "effect", "tyre", "estimator")
+COMPONENTS = ("vehicle", "effect", "degradation", "tyre", "estimator")
 
 
 @pytest.fixture(autouse=True)

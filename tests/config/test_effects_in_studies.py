@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import pytest
 
 from harness.common.errors import UserError
 from harness.config import load_study
 from harness.config.model import resolve_single
 from harness.config.parameter_set import set_from_file, set_text
-from harness.models.roles import PARAMETERS
+from harness.models.roles import DEGRADATIONS, PARAMETERS
 
 
 def plant(effects: list[str], **values: object):
@@ -141,3 +143,11 @@ def test_a_model_written_as_a_parameter_file_is_that_model_again(tmp_path):
     acceleration = published.MEASUREMENT_NOISE["lateral_acceleration_tractor"]
     assert more.measurement_noise["lateral_acceleration_tractor"] == acceleration
     assert more.process_noise["yaw_rate_trailer"] == pytest.approx(2 * spec.process_noise["yaw_rate_trailer"])
+
+
+def test_a_unit_that_is_none_is_blamed_on_the_file_that_declares_it(monkeypatch):
+    file = DEGRADATIONS.load("dropout")
+    wrong = (dataclasses.replace(file.PARAMETERS[0], unit="foo"), *file.PARAMETERS[1:])
+    monkeypatch.setattr(file, "PARAMETERS", wrong)
+    with pytest.raises(UserError, match=r"dropout\.py: parameter 'dropout_share': 'foo' is no unit"):
+        plant(["dropout"], dropout_share="20 %")

@@ -40,21 +40,6 @@ def runs(readings):
     return np.moveaxis(readings[:, :, 0], 1, -1).reshape(-1, SAMPLES)
 
 
-@pytest.mark.parametrize("name", DEGRADATIONS.names())
-def test_every_degradation_is_absent_at_its_neutral_values_and_only_there(name):
-    file = DEGRADATIONS.load(name)
-    degraded, before = read(name)
-    assert degraded.tobytes() == before.tobytes()
-    values = {
-        "dropout_share": 0.2, "sampling_period": 0.1, "latency_delay": 0.1, "outlier_share": 0.1, "outlier_size": 9.0,
-        "coloured_noise": 1.0, "noise_tail": 0.3, "common_noise": 1.0, "failure_time": 9.0, "bias_jump_yaw_rate": 0.1,
-        "quantisation_step_yaw_rate": 0.1, "saturation_limit_yaw_rate": 0.05,
-    }  # fmt: skip
-    own = {n: v for n, v in values.items() if any(n.startswith(p.name) for p in file.PARAMETERS)}
-    degraded, before = read(name, own)
-    assert not np.array_equal(degraded[:, :, 0], before[:, :, 0], equal_nan=True)
-
-
 @pytest.mark.parametrize(("share", "length"), [(0.3, 0.0), (0.9, 0.0), (0.2, 0.5)])
 def test_the_share_of_missing_readings(share, length):
     degraded, before = read("dropout", {"dropout_share": share, "dropout_length": length}, batches=6)

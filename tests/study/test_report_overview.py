@@ -21,7 +21,7 @@ STUDY = {
     "drive": [{"name": "sine", "kind": "sine", "duration": "5 s", "speed": "15 m/s", "amplitude": "20 deg"}],
     "estimator": [{"name": "EKF", "kind": "ekf"}, {"name": "UKF", "kind": "ukf"}],
     "design": [
-        {"name": "share", "repeats": 3, "factor": [{"parameter": "dropout_share", "levels": [0.0, 0.5, 0.9]}]},
+        {"name": "share", "repeats": 3, "factor": [{"parameter": "dropout_share", "levels": ["0 %", "50 %", "90 %"]}]},
         {"name": "delay", "repeats": 3, "factor": [{"parameter": "latency_delay", "levels": ["0 s", "0.1 s"]}]},
     ],
 }  # fmt: skip
@@ -43,10 +43,18 @@ def test_several_designs_of_one_factor_each_are_one_map(of):
     assert [f.design.name for f in analysis.one_factor_each] == ["share", "delay"]
     (picture,) = overview.pictures(analysis)
     assert "lateral velocity and yaw rate" in picture.caption
+    assert "further designs" not in picture.caption
+    assert analysis.findings[0].design.bands == ["0 %", "50 %", "90 %"]
     for findings in analysis.findings:
         assert np.isfinite(findings.medians).all()
         assert (findings.medians[:, -1] > findings.medians[:, 0]).all()  # readings that are missing or late cost
     assert sum(hasattr(block, "svg") for block in boxes.blocks(analysis)) == 2
+
+
+def test_designs_of_several_factors_are_named_beside_the_map(of):
+    both = [{"parameter": "dropout_share", "levels": [0.0, 0.5]}, {"parameter": "latency_delay", "levels": [0.0, 0.1]}]
+    (picture,) = overview.pictures(of([*STUDY["design"], {"name": "all-at-once", "repeats": 1, "factor": both}]))
+    assert "further designs, all-at-once, " in picture.caption
 
 
 def test_one_design_and_designs_of_the_same_factor_are_not(of):

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from harness.models.quantities import listed
 from harness.reporting import style
 from harness.reporting.document import Picture
 from harness.study.report.analysis import Analysis, Findings
@@ -17,10 +18,12 @@ _LINE = 0.225  # inches per estimator
 
 def pictures(analysis: Analysis) -> list[Picture]:
     """Return the map of all targets; none where the study has no such designs."""
-    return [_picture(analysis.one_factor_each)] if analysis.one_factor_each else []
+    shown = analysis.one_factor_each
+    further = [f.design.name for f in analysis.findings if all(f is not each for each in shown)]
+    return [_picture(shown, further)] if shown else []
 
 
-def _picture(shown: Sequence[Findings]) -> Picture:
+def _picture(shown: Sequence[Findings], further: Sequence[str]) -> Picture:
     first = shown[0].design
     with style.drawing():
         fig = style.figure(0.75 + len(first.targets) * (0.55 + _LINE * len(first.estimators)))
@@ -41,4 +44,6 @@ def _picture(shown: Sequence[Findings]) -> Picture:
         svg = style.svg(fig)
     names = " and ".join(quantity.words for quantity in first.targets)
     caption = f"Median RMSE of {names} per estimator and level of each design; darker is worse, ∞: most runs diverged."
+    if further:
+        caption += f" Of further designs, {listed(further)}, figures are below."
     return Picture(svg, caption, f"Median RMSE of {names} per estimator and level")
