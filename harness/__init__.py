@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from harness.api.estimates import Estimates as Estimates
     from harness.api.estimates import estimate as estimate
     from harness.api.estimator import Estimator as Estimator
+    from harness.api.experiment import NextDrive as NextDrive
+    from harness.api.experiment import next_drive as next_drive
     from harness.api.export import ExportedEstimator as ExportedEstimator
     from harness.api.export import ExportedPlant as ExportedPlant
     from harness.api.export import export_estimator as export_estimator
@@ -63,6 +65,7 @@ _PLACES = {
     "harness.api.drive": ("Drive", "drive"),
     "harness.api.estimates": ("Estimates", "estimate"),
     "harness.api.estimator": ("Estimator",),
+    "harness.api.experiment": ("NextDrive", "next_drive"),
     "harness.api.export": ("ExportedEstimator", "ExportedPlant", "export_estimator", "export_plant"),
     "harness.api.identification": ("Identification", "identify"),
     "harness.api.model": ("Model", "model"),

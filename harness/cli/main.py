@@ -26,6 +26,7 @@ from harness.cli.export import export
 from harness.cli.guard import answered, guarded, place_of_output, show_tracebacks
 from harness.cli.models import observability, simulate
 from harness.cli.new import new
+from harness.cli.next_drive import next_drive
 from harness.cli.options import HERE, MOST, RESULTS, DatabaseOption, agree_to, place, study_path
 from harness.cli.outputs import refuse_unfit
 from harness.cli.recordings import estimate, identify, loop, trace
@@ -411,6 +412,7 @@ _command()(_answers_errors(trace))
 _command()(_answers_errors(loop))
 _command()(_answers_errors(realtime))
 _command()(_answers_errors(remedy))
+_command()(_answers_errors(next_drive))
 _command()(_answers_errors(export))
 _command()(_answers_errors(new))
 _command()(_answers_errors(verify))

@@ -17,6 +17,7 @@ RESULTS = {
     "loop": "loop.json",
     "realtime": "times.zarr",
     "remedy": "as-it-is/scores.zarr",
+    "next-drive": "next_drive.json",
     "campaign": "",
 }
 """Commands that write ``report.html`` into their ``--out``, and what tells their result; nothing tells a campaign."""

@@ -6,7 +6,8 @@ the other hangs on the coupling. Axes are those of ISO 8855: x forward, y left, 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import functools
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import sympy as sp
@@ -58,9 +59,7 @@ def motion(
     for body in bodies[1:]:
         heading[body] = heading[bodies[0]] + values["articulation_angle"]
     first = heading[bodies[0]]
-    forward, lateral, _ = moving[bodies[0]]
-    places = {bodies[0]: (_integrated(forward * np.cos(first) - lateral * np.sin(first), time),
-                          _integrated(forward * np.sin(first) + lateral * np.cos(first), time))}  # fmt: skip
+    places = {bodies[0]: path_of(moving[bodies[0]], time)}
     for body in bodies[1:]:
         assert plan.coupling is not None
         ahead, own = plan.coupling
@@ -113,22 +112,41 @@ def dead_reckoned(
     Returns:
         ``x`` and ``y`` in m by estimator; without those whose states do not say how the body moves.
     """
-    first, available = (
-        next(iter(model.bodies), None),
-        set.intersection(*(set(h) for h in held.values())) if held else set(),
-    )
-    moves = [] if first is None else [_expanded(e, model, available) for e in _motion_of(model, first)]
-    if len(moves) != 3 or any(e is None for e in moves):
+    if not held or not model.bodies:
         return {}
+    available = set.intersection(*(set(h) for h in held.values()))
     paths = {}
     for name, values in held.items():
-        forward, lateral, rate = (np.broadcast_to(_evaluated(e, values), time.shape) for e in moves)
-        heading = _integrated(rate, time)
-        path = (_integrated(forward * np.cos(heading) - lateral * np.sin(heading), time),
-                _integrated(forward * np.sin(heading) + lateral * np.cos(heading), time))  # fmt: skip
+        moving = velocities(model, next(iter(model.bodies)), {n: values[n] for n in available})
+        if moving is None:
+            return {}
+        path = path_of([np.broadcast_to(v, time.shape) for v in moving], time)
         if np.isfinite(path[0]).sum() > 1:
             paths[name] = path
     return paths
+
+
+def velocities(model: StateSpaceModel, body: str, values: Mapping[str, Floats]) -> tuple[Floats, Floats, Floats] | None:
+    """Return forward and lateral velocity of a body's CoG and its yaw rate, SI; ``None`` if the values do not say them.
+
+    Args:
+        model: The equations.
+        body: One of its bodies.
+        values: States, inputs and parameters over time or as numbers.
+    """
+    moves = [_expanded(e, model, set(values)) for e in _motion_of(model, body)]
+    forward, lateral, rate = (None if e is None else _evaluated(e, values) for e in moves)
+    return None if forward is None or lateral is None or rate is None else (forward, lateral, rate)
+
+
+def path_of(moving: Sequence[Floats], time: Floats) -> tuple[Floats, Floats]:
+    """Return the path ``x`` and ``y`` in m from the origin with heading zero, of ``velocities`` over time."""
+    forward, lateral, rate = moving
+    heading = _integrated(rate, time)
+    return (
+        _integrated(forward * np.cos(heading) - lateral * np.sin(heading), time),
+        _integrated(forward * np.sin(heading) + lateral * np.cos(heading), time),
+    )
 
 
 def _expanded(expr: sp.Expr, model: StateSpaceModel, names: set[str]) -> sp.Expr | None:
@@ -151,8 +169,14 @@ def _motion_of(model: StateSpaceModel, body: str) -> tuple[sp.Expr, sp.Expr, sp.
 
 def _evaluated(expr: sp.Expr, values: Mapping[str, Floats]) -> Floats:
     symbols = sorted(sp.sympify(expr).free_symbols, key=str)
-    evaluated: Floats = sp.lambdify(symbols, expr, "numpy")(*(values[str(s)] for s in symbols))
+    evaluated: Floats = _function(tuple(symbols), expr)(*(values[str(s)] for s in symbols))
     return evaluated
+
+
+@functools.lru_cache(64)
+def _function(symbols: tuple[sp.Symbol, ...], expr: sp.Expr) -> Callable[..., Floats]:
+    function: Callable[..., Floats] = sp.lambdify(symbols, expr, "numpy")
+    return function
 
 
 def _integrated(rate: Floats, time: Floats) -> Floats:

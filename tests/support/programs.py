@@ -167,6 +167,9 @@ MODULES: dict[str, Small | Begun | By] = {
     "bench.growth": By("bench/test_growth.py::test_a_point_is_measured_and_what_is_there_is_drawn"),
     "bench.house": Small("", rf"{NUMBER}  files\n", quick=True),
     "bench.identify": Small("--coverage 1", rf"mass_over_inertia: {NUMBER} % of 1 intervals hold the truth"),
+    "bench.next_drive": Small(
+        "--cases 1 --effort 4", rf"{NUMBER} % of 2 standard errors within 15 % of what was expected"
+    ),
     "bench.notebooks": By("package/test_notebooks.py::test_it_runs"),
     "bench.peers": By("test_programs.py::test_the_peers_are_measured_where_they_are_installed"),
     "bench.questions": Begun("mass trace", "bench.view_pictures.served", "mass", "it takes the mass study and a trace"),

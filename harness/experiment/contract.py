@@ -1,0 +1,72 @@
+"""Contract of what an experiment is designed for: what drives tell add up, and a criterion weighs the sum."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from harness.common.arrays import Floats
+from harness.experiment.rehearsal import Rehearsed
+from harness.identification.filtered_model import FilteredModel
+
+Told = tuple[Floats, ...]
+"""What drives tell: arrays that add up from drive to drive."""
+
+
+def total(parts: Sequence[tuple[Told, int]]) -> Told:
+    """Return what several drives tell together, each driven so many times."""
+    arrays = zip(*([times * a for a in told] for told, times in parts), strict=True)
+    return tuple(sum(columns[1:], start=columns[0]) for columns in arrays)
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """What is expected behind drives.
+
+    Attributes:
+        words: In a sentence.
+        open: What stays open, in sentences.
+        record: For ``next_drive.json``.
+        header: Of the table ``rows``.
+        rows: Quantity by quantity, before and behind the drives, as text.
+    """
+
+    words: str
+    open: tuple[str, ...]
+    record: Mapping[str, Any]
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+class Goal(Protocol):
+    """What is to be found out."""
+
+    @property
+    def model(self) -> FilteredModel:
+        """The filter, compiled."""
+
+    @property
+    def versions(self) -> tuple[Floats, ...]:
+        """Parameters of every version of the vehicle that is still possible, see ``Rehearsal``."""
+
+    @property
+    def recorded(self) -> int:
+        """How many of them leave recordings."""
+
+    @property
+    def criterion(self) -> str:
+        """Name of the criterion."""
+
+    @property
+    def measure(self) -> str:
+        """What the exponential of its value is, in words."""
+
+    def told(self, drive: Rehearsed, /) -> Told:
+        """Return what a drive tells."""
+
+    def value(self, told: Told | None, /) -> float:
+        """Return the criterion behind drives, the smaller the better; before any with ``None``."""
+
+    def expectation(self, told: Told | None, /) -> Expectation:
+        """Return what is expected behind drives; before any with ``None``."""

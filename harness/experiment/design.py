@@ -1,0 +1,200 @@
+"""Search for drives: each manoeuvre's free quantities by a pattern search, and a sequence of them by greedy choice."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import qmc
+
+from harness.common.arrays import Floats
+from harness.experiment.contract import Goal, Told, total
+from harness.experiment.manoeuvres import Manoeuvre, Room
+from harness.experiment.rehearsal import Rehearsal, Rehearsed
+
+_FIRST = 8
+"""Points of the unit cube that a search begins with."""
+
+_EASED = 0.25
+"""By how much of the way from the gentlest to the hardest a drive is eased that passes a limit."""
+
+_EASINGS = 5
+_REACH, _CLOSER = 0.25, 0.6
+"""Standard deviation of the first steps about the best point, and by how much those of each later round are shorter."""
+
+_BATCH = 4
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A drive that keeps to the limits, and what it tells.
+
+    Attributes:
+        manoeuvre: Its manoeuvre.
+        rehearsed: The drive.
+        told: What it tells, driven once.
+        times: How often it fits into the budget.
+        value: The criterion if it is driven so often.
+    """
+
+    manoeuvre: Manoeuvre
+    rehearsed: Rehearsed
+    told: Told
+    times: int
+    value: float
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Drives of a budget.
+
+    Attributes:
+        ranked: The best of each manoeuvre, repeated alone, the best first.
+        sequence: Drives, each with how often it is driven.
+        told: What the sequence tells.
+        value: The criterion behind it.
+        refused: Of each manoeuvre without a drive, which limits its drives pass.
+        tried: Number of drives that were rehearsed.
+    """
+
+    ranked: tuple[Tried, ...]
+    sequence: tuple[tuple[Tried, int], ...]
+    told: Told | None
+    value: float
+    refused: dict[str, str]
+    tried: int
+
+    @property
+    def seconds(self) -> float:
+        """Duration of the sequence in s."""
+        return sum(t.rehearsed.seconds * times for t, times in self.sequence)
+
+
+def design(
+    goal: Goal,
+    rehearsal: Rehearsal,
+    room: Room,
+    manoeuvres: Sequence[Manoeuvre],
+    budget: float,
+    effort: int = 20,
+    jobs: int = 2,
+    seed: int = 0,
+    say: Callable[[str], None] = lambda _: None,
+) -> Plan:
+    """Return the drives that tell most within a budget of seconds.
+
+    Args:
+        goal: What is to be found out.
+        rehearsal: Simulates drives, and refuses those that pass a limit.
+        room: Of the free quantities.
+        manoeuvres: To choose from.
+        budget: s of driving.
+        effort: Drives that are tried of each manoeuvre.
+        jobs: Threads.
+        seed: Of the points tried.
+        say: Takes a line on what is being done.
+    """
+    pool: list[Tried] = []
+    refused, count = {}, 0
+    with ThreadPoolExecutor(jobs) as threads:
+        for number, manoeuvre in enumerate(manoeuvres, 1):
+            say(f"manoeuvre {number} of {len(manoeuvres)}: {manoeuvre.name}")
+            search = _Search(goal, rehearsal, room, manoeuvre, budget)
+            search.run(effort, np.random.default_rng([seed, number]), lambda f, xs: list(threads.map(f, xs)))
+            pool += search.tried
+            count += search.rehearsed
+            if not search.tried:
+                refused[manoeuvre.name] = ", ".join(sorted(search.reasons))
+    best = (min((t for t in pool if t.manoeuvre == m), key=lambda t: t.value, default=None) for m in manoeuvres)
+    ranked = tuple(sorted((t for t in best if t is not None), key=lambda t: t.value))
+    sequence = greedy(goal, pool, budget)
+    told = total([(t.told, times) for t, times in sequence]) if sequence else None
+    if ranked and not goal.value(told) < ranked[0].value:
+        sequence = ((ranked[0], ranked[0].times),)
+        told = total([(ranked[0].told, ranked[0].times)])
+    return Plan(ranked, sequence, told, goal.value(told), refused, count)
+
+
+def greedy(goal: Goal, pool: Sequence[Tried], budget: float) -> tuple[tuple[Tried, int], ...]:
+    """Return drives of a budget, each time the one with the largest gain per second, with how often each is driven.
+
+    Where nothing has a value yet, the one that has the best value alone begins.
+    """
+    taken: dict[int, int] = {}
+    told: Told | None = None
+    spent, value = 0.0, goal.value(None)
+    while fit := [i for i, t in enumerate(pool) if spent + t.rehearsed.seconds <= budget + 1e-9]:
+        after = [goal.value(total([(pool[i].told, 1), *([(told, 1)] if told else [])])) for i in fit]
+        if math.isfinite(value):
+            gains = [(value - a) / pool[i].rehearsed.seconds for i, a in zip(fit, after, strict=True)]
+            k = int(np.argmax(gains))
+            if not gains[k] > 0:
+                break
+        else:
+            k = int(np.argmin([a if math.isfinite(a) else pool[i].value for i, a in zip(fit, after, strict=True)]))
+        i = fit[k]
+        taken[i] = taken.get(i, 0) + 1
+        told = total([(pool[i].told, 1), *([(told, 1)] if told else [])])
+        spent, value = spent + pool[i].rehearsed.seconds, after[k]
+    return tuple((pool[i], times) for i, times in taken.items())
+
+
+class _Search:
+    """The search of one manoeuvre."""
+
+    def __init__(self, goal: Goal, rehearsal: Rehearsal, room: Room, manoeuvre: Manoeuvre, budget: float) -> None:
+        self.goal, self.rehearsal, self.room, self.manoeuvre = goal, rehearsal, room, manoeuvre
+        self.budget, self.rehearsed = budget, 0
+        self.tried: list[Tried] = []
+        self.reasons: set[str] = set()
+
+    def run(
+        self,
+        effort: int,
+        random: np.random.Generator,
+        share: Callable[
+            [Callable[[Floats], tuple[Floats, Tried | str]], list[Floats]], list[tuple[Floats, Tried | str]]
+        ],
+    ) -> None:
+        """Try points of the unit cube, then points about the best so far, closer from round to round."""
+        free = self.manoeuvre.free
+        cube = qmc.Sobol(free, rng=random).random(_FIRST)
+        points, reach, best = list(cube[:effort]), _REACH, None
+        spent = 0
+        while points:
+            spent += len(points)
+            for point, result in share(self._at, points):
+                if isinstance(result, str):
+                    self.reasons.add(result)
+                    continue
+                self.tried.append(result)
+                best = (point, result.value) if best is None or result.value < best[1] else best
+            if best is None:
+                return
+            count = min(_BATCH, effort - spent)
+            points = [np.clip(best[0] + reach * random.standard_normal(free), 0.0, 1.0) for _ in range(count)]
+            reach *= _CLOSER
+
+    def _at(self, point: Floats) -> tuple[Floats, Tried | str]:
+        """Return the drive at a point, or at a gentler one where it passes a limit, or which it passes at last."""
+        point = point.copy()
+        reason = "budget"
+        for _ in range(_EASINGS):
+            self.rehearsed += 1
+            drive = self.manoeuvre.drive(point, self.room, self.manoeuvre.name)
+            result = self.rehearsal.of(drive)
+            if not isinstance(result, str):
+                times = int(self.budget / result.seconds + 1e-9)
+                if times == 0:
+                    return point, "budget"
+                told = self.goal.told(result)
+                value = self.goal.value(total([(told, times)]))
+                return point, Tried(self.manoeuvre, result, told, times, value)
+            reason = result
+            if point[0] <= 0.0:
+                break
+            point[0] = max(0.0, point[0] - _EASED)
+        return point, reason

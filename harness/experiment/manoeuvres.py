@@ -1,0 +1,199 @@
+"""Manoeuvres of the standards, each with its free quantities, as drives of ``models/drives``.
+
+A manoeuvre is a point of the unit cube: each coordinate is one free quantity between its bounds, and the first says how
+hard the vehicle is driven, from a tenth of what the limits allow up to all of it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from harness.common.arrays import Floats
+from harness.common.errors import UserError
+from harness.common.registry import closest
+from harness.config import DriveSpec, ModelSpec, single_drive
+from harness.experiment.limits import Limits
+
+_LEAST = 0.1
+"""Share of what the limits allow at which the gentlest manoeuvre is driven."""
+
+_BEYOND = 1.5
+"""Kinematic lateral acceleration over its limit up to which angles are tried: a vehicle that understeers does less."""
+
+_LEAD_IN = 1.0
+"""s straight ahead before the steering begins."""
+
+_SHORT = 8.0
+"""s of a manoeuvre of one steering motion."""
+
+
+@dataclass(frozen=True)
+class Room:
+    """What the quantities of a manoeuvre may be.
+
+    Attributes:
+        limits: Of the drive.
+        wheelbase: m.
+        ratio: Steering-wheel angle over road-wheel angle.
+    """
+
+    limits: Limits
+    wheelbase: float
+    ratio: float
+
+    @classmethod
+    def of(cls, spec: ModelSpec, limits: Limits) -> Room:
+        """Return the room of a model."""
+        return cls(limits, spec.wheelbase, spec.steering_ratio)
+
+    def speed(self, share: float) -> float:
+        """Return a speed between the limits in m/s."""
+        return between(self.limits.lowest_speed, self.limits.highest_speed, share)
+
+    def angle(self, share: float, speed: float) -> float:
+        """Return a steering-wheel angle in rad, up to what the limits allow at a speed."""
+        curvature = _BEYOND * self.limits.lateral_acceleration / speed**2
+        largest = min(self.limits.steering_wheel_angle, self.ratio * math.atan(self.wheelbase * curvature))
+        return between(_LEAST, 1.0, share) * largest
+
+    def duration(self, speed: float, ways_back: bool = False) -> float:
+        """Return how long may be driven at a speed in s; the road is as long as it is where nothing turns back."""
+        road = math.inf if ways_back else 0.98 * self.limits.road_length / speed
+        return math.floor(10.0 * min(self.limits.duration, road)) / 10.0
+
+
+def between(low: float, high: float, share: float) -> float:
+    """Return a positive number between two, evenly spread in its logarithm."""
+    return low * (high / low) ** share
+
+
+Options = dict[str, float | str]
+
+
+@dataclass(frozen=True)
+class Manoeuvre:
+    """A kind of drive with free quantities.
+
+    Attributes:
+        name: As the user names it.
+        standard: Where it comes from.
+        kind: File in ``models/drives``.
+        free: Number of free quantities.
+        options: From a point of the unit cube and the room to the options of the kind.
+    """
+
+    name: str
+    standard: str
+    kind: str
+    free: int
+    options: Callable[[Floats, Room], Options]
+
+    def drive(self, point: Floats, room: Room, name: str) -> DriveSpec:
+        """Return the drive at a point ``(free,)`` of the unit cube."""
+        options = {k: rounded(v) if isinstance(v, float) else v for k, v in self.options(point, room).items()}
+        options |= {"lead_in": _LEAD_IN, "lateral_acceleration_limit": 20.0}  # the limits are those of the simulation
+        return single_drive({"name": name, "kind": self.kind, **options}, f"drive '{name}'")
+
+
+def rounded(value: float) -> float:
+    """Return a number to four digits, as a plan states it."""
+    return float(f"{value:.4g}")
+
+
+def _circle(p: Floats, room: Room) -> Options:
+    speed = room.speed(p[1])
+    radius = max(speed**2 / (between(_LEAST, 1.0, p[0]) * room.limits.lateral_acceleration), 6.0)
+    return {"speed": speed, "radius": radius, "duration": room.duration(speed, ways_back=True), "transition": 3.0}
+
+
+def _speeding_circle(p: Floats, room: Room) -> Options:
+    last = room.speed(p[1])
+    first = max(room.limits.lowest_speed, 0.3 * last)
+    radius = max(last**2 / (between(_LEAST, 1.0, p[0]) * room.limits.lateral_acceleration), 6.0)
+    duration = room.duration(last, ways_back=True)
+    return {"speed": first, "speed_change": last - first, "radius": radius, "duration": duration, "transition": 3.0}
+
+
+def _ramp(p: Floats, room: Room) -> Options:
+    speed = room.speed(p[1])
+    angle, duration = room.angle(p[0], speed), room.duration(speed)
+    return {"speed": speed, "amplitude": angle, "rate": angle / max(duration - 3.0, 2.0), "duration": duration}
+
+
+def _step(p: Floats, room: Room) -> Options:
+    speed, rise = room.speed(p[1]), between(0.15, 1.0, p[2])
+    angle = room.angle(p[0], speed)
+    return {"speed": speed, "amplitude": angle, "rise_time": rise, "duration": min(_SHORT, room.duration(speed))}
+
+
+def _sine(p: Floats, room: Room) -> Options:
+    speed = room.speed(p[1])
+    frequency = between(0.1, 2.5, p[2])
+    return {
+        "speed": speed, "amplitude": room.angle(p[0], speed), "frequency": frequency, "fade": 1.0,
+        "duration": room.duration(speed),
+    }  # fmt: skip
+
+
+def _sweep(p: Floats, room: Room) -> Options:
+    speed = room.speed(p[1])
+    return {
+        "speed": speed, "amplitude": room.angle(p[0], speed), "first_frequency": between(0.05, 0.5, p[2]),
+        "last_frequency": between(0.8, 4.0, p[3]), "fade": 1.0, "duration": room.duration(speed),
+    }  # fmt: skip
+
+
+def _random(p: Floats, room: Room) -> Options:
+    speed = room.speed(p[1])
+    limits = room.limits
+    variation = 0.5 * p[3] * min(speed - limits.lowest_speed, limits.highest_speed - speed)
+    rise = between(0.2, 2.0, p[2])
+    return {
+        "speed": speed, "amplitude": room.angle(p[0], speed), "rise_time": rise, "longest_hold": 2.0 * rise,
+        "speed_variation": variation, "duration": room.duration(speed + variation),
+    }  # fmt: skip
+
+
+def _lane_change(p: Floats, room: Room) -> Options:
+    speed, offset = room.speed(p[1]), 3.5
+    # Of an S-shaped path the largest lateral acceleration is 5.77 offset (speed / length)^2.
+    change = speed * math.sqrt(5.77 * offset / (between(_LEAST, 1.0, p[0]) * room.limits.lateral_acceleration))
+    change, stay = max(change, 8.0), between(5.0, 50.0, p[2])
+    duration = math.ceil(_LEAD_IN + (2.0 * change + stay) / speed + 2.0)
+    return {
+        "speed": speed, "offset": offset, "change": change, "back": change, "stay": stay, "duration": float(duration)
+    }  # fmt: skip
+
+
+def _dwell(p: Floats, room: Room) -> Options:
+    speed = room.speed(p[1])
+    duration = min(_SHORT, room.duration(speed))
+    return {"speed": speed, "amplitude": room.angle(p[0], speed), "frequency": 0.7, "duration": duration}
+
+
+MANOEUVRES: tuple[Manoeuvre, ...] = (
+    Manoeuvre("circle", "ISO 4138, constant speed and radius", "steady_circle", 2, _circle),
+    Manoeuvre("speeding-circle", "ISO 4138, constant radius, rising speed", "steady_circle", 2, _speeding_circle),
+    Manoeuvre("ramp", "ISO 4138, slowly growing steering at constant speed", "ramp", 2, _ramp),
+    Manoeuvre("step", "ISO 7401, step steer", "step", 3, _step),
+    Manoeuvre("weave", "ISO 7401 and 13674, sinusoidal steering; a slalom at its frequency", "sine", 3, _sine),
+    Manoeuvre("sweep", "ISO 7401, frequency sweep", "sine_sweep", 4, _sweep),
+    Manoeuvre("random", "ISO 7401, random steering", "random_sequence", 4, _random),
+    Manoeuvre("lane-change", "ISO 3888, double lane change", "lane_change", 3, _lane_change),
+    Manoeuvre("dwell", "ISO 19365, sine with dwell", "sine_with_dwell", 2, _dwell),
+)
+
+
+def chosen(names: Sequence[str]) -> tuple[Manoeuvre, ...]:
+    """Return the manoeuvres of some names; all of no name.
+
+    Raises:
+        UserError: If there is none of a name.
+    """
+    by_name = {m.name: m for m in MANOEUVRES}
+    for name in names:
+        if name not in by_name:
+            raise UserError(f"manoeuvre: there is no '{name}'{closest(name, list(by_name))}: {', '.join(by_name)}")
+    return tuple(by_name[n] for n in dict.fromkeys(names)) or MANOEUVRES

@@ -1,0 +1,180 @@
+"""Report on planned drives: the answer, a page for the driver, and what else was tried."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from harness.common.files import write_files
+from harness.experiment.contract import Expectation
+from harness.experiment.design import Tried
+from harness.experiment.files import contents, names_of, written_to
+from harness.experiment.limits import UNITS, Limits, stated
+from harness.experiment.run import Designed
+from harness.models.quantities import listed, print_unit, words
+from harness.reporting import style
+from harness.reporting.document import Block, Bullets, Drawing, Listing, Prose, Report, Section, Sheet, plain, strong
+from harness.reporting.style import number, with_unit
+
+
+def answer(designed: Designed) -> str:
+    """Return the drives in a sentence, and what is expected behind them."""
+    plan = designed.plan
+    drives = listed([
+        f"{t.manoeuvre.name}{f' {times} times' if times > 1 else ''} ({t.rehearsed.seconds:g} s)"
+        for t, times in plan.sequence
+    ])  # fmt: skip
+    return f"Drive {drives}, {plan.seconds:g} s in all; expected: {designed.goal.expectation(plan.told).words}."
+
+
+def write_design(designed: Designed, folder: Path, command: str) -> list[Path]:
+    """Write the drives, ``next_drive.json`` and the report into a folder; return the files.
+
+    Args:
+        designed: From ``design_drives``.
+        folder: Where to.
+        command: How it was made, as the report says.
+
+    Raises:
+        UserError: If the folder cannot be written to.
+    """
+    return [*write_files(folder, contents(designed)), *report(designed, folder, command).write(folder)]
+
+
+def report(designed: Designed, folder: Path, command: str) -> Report:
+    """Return the report: the first sections are the page for the driver."""
+    expectation = designed.goal.expectation(designed.plan.told)
+    sections: list[Block] = [
+        Section(partial(_answer, designed, expectation), "Answer"),
+        Section(partial(_for_driver, designed), "For the driver"),
+        Section(partial(_expected, expectation), "What is expected?"),
+        Section(partial(_ranked, designed), "Which manoeuvre tells how much?"),
+        *([Section(partial(_sensors, designed), "What would other sensors tell?")] if designed.equipped else []),
+        Section(partial(_made, designed, folder, command), "How was this made?"),
+    ]
+    return Report("What to drive next?", sections)
+
+
+def _answer(designed: Designed, expectation: Expectation) -> list[Block]:
+    still = Bullets([plain(text) for text in expectation.open])
+    blocks: list[Block] = [Prose(strong(answer(designed)))]
+    return [*blocks, Prose(plain("What stays open:")), still] if expectation.open else blocks
+
+
+def _for_driver(designed: Designed) -> list[Block]:
+    rows: list[Sequence[str]] = []
+    drawings: list[Block] = []
+    for name, (tried, times) in zip(names_of(designed), designed.plan.sequence, strict=True):
+        profile = tried.rehearsed.profile
+        rows.append([
+            name,
+            tried.manoeuvre.standard,
+            f"{times}",
+            f"{tried.rehearsed.seconds:g}",
+            f"{number(3.6 * profile.speed.min())} to {number(3.6 * profile.speed.max())}",
+            number(np.degrees(np.abs(profile.steering_wheel_angle).max())),
+            number(np.abs(tried.rehearsed.motion.lateral_acceleration).max(initial=0.0)),
+        ])  # fmt: skip
+        caption = f"{name}: path from above, steering wheel, speed and lateral acceleration. Dashed: limits."
+        drawings.append(Drawing(partial(_draw, tried, designed.task.limits, name), caption, f"The drive {name}"))
+    header = ["drive", "manoeuvre", "times", "s", "km/h", "steering wheel, °", "lateral, m/s²"]
+    model = designed.plant.model()
+    rate = 1.0 / designed.plant.step
+    signals = listed([words(s) for s in dict.fromkeys([*model.outputs, "steering_wheel_angle", "speed"])])
+    notes = [
+        "Enter straight ahead at the speed of the first sample; leave straight, or brake where the road ends.",
+        f"Record {signals} at {rate:g} Hz or more, each drive as a file of its own, from before the entry to the end.",
+        f"Limits: {_limits(designed.task.limits)}.",
+        f"A steering robot takes {listed([f'{n}.csv' for n in names_of(designed)])}.",
+    ]
+    return [Sheet(header, rows, "The drives in their order.", left=2), *drawings, Bullets([plain(n) for n in notes])]
+
+
+def _draw(tried: Tried, limits: Limits, name: str) -> bytes:
+    """Draw the path from above, and steering, speed and lateral acceleration over time."""
+    profile, motion = tried.rehearsed.profile, tried.rehearsed.motion
+    with style.drawing():
+        fig = style.figure(4.6)
+        (above, wheel), (speed, lateral) = fig.subplots(2, 2)
+        if motion.path is not None:
+            x, y = motion.path
+            above.plot(x, y, color="black")
+            above.plot(x[:1], y[:1], marker="o", color="black", ls="")
+            above.set_aspect("equal", adjustable="datalim")
+        above.set_xlabel("m along the first heading")
+        above.set_ylabel("m to the left")
+        _over_time(wheel, profile.time, np.degrees(profile.steering_wheel_angle), "steering wheel, °")
+        _over_time(speed, profile.time, 3.6 * profile.speed, "speed, km/h")
+        for accelerations in motion.lateral_acceleration:
+            _over_time(lateral, profile.time, accelerations, "lateral acceleration, m/s²")
+        for sign in (-1, 1):
+            lateral.axhline(sign * limits.lateral_acceleration, color="black", ls="--")
+        style.head(fig, f"{name}: {tried.manoeuvre.standard}")
+        return style.svg(fig)
+
+
+def _over_time(axes: Axes, time: np.ndarray, values: np.ndarray, label: str) -> None:
+    axes.plot(time, values)
+    axes.set_xlabel("time, s")
+    axes.set_ylabel(label)
+    axes.grid()
+
+
+def _expected(expectation: Expectation) -> list[Block]:
+    caption = "Before and behind the drives, the first column in words, errors as standard deviations."
+    return [Sheet(list(expectation.header), [list(r) for r in expectation.rows], caption, left=2)]
+
+
+def _ranked(designed: Designed) -> list[Block]:
+    plan = designed.plan
+    rows = [
+        [t.manoeuvre.name, _free(t), f"{t.times}", f"{t.times * t.rehearsed.seconds:g}", number(np.exp(t.value))]
+        for t in plan.ranked
+    ]
+    before, after = (np.exp(designed.goal.value(told)) for told in (None, plan.told))
+    rows.append(["the sequence", "", "", f"{plan.seconds:g}", number(after)])
+    now = number(before) if np.isfinite(before) else "∞"
+    caption = (
+        f"The best drive of each manoeuvre, repeated alone for {designed.task.budget:g} s. Criterion: "
+        f"{designed.goal.measure}, the smaller the better; now {now}. {plan.tried} drives were rehearsed."
+    )
+    refused = [plain(f"{name}: no drive keeps to the limits ({why})") for name, why in plan.refused.items()]
+    blocks: list[Block] = [Sheet(["manoeuvre", "quantities", "times", "s", "criterion"], rows, caption, left=2)]
+    return [*blocks, *([Bullets(refused)] if refused else [])]
+
+
+_NOT_SHOWN = ("lead_in", "lateral_acceleration_limit", "duration", "fade", "transition")
+
+
+def _free(t: Tried) -> str:
+    options = {k: v for k, v in t.rehearsed.drive.options.items() if k not in _NOT_SHOWN}
+    return ", ".join(f"{words(k)} {number(v) if isinstance(v, float) else v}" for k, v in options.items())
+
+
+def _sensors(designed: Designed) -> list[Block]:
+    rows: list[Sequence[str]] = [
+        [e.name, listed([words(o) for o in e.outputs]),
+         e.expectation if isinstance(e.expectation, str) else e.expectation.words]
+        for e in designed.equipped
+    ]  # fmt: skip
+    return [Sheet(["sensors", "they measure", "expected"], rows, "The same drives with other sensors.", left=3)]
+
+
+def _limits(limits: Limits) -> str:
+    return ", ".join(
+        f"{words(name)} {'open' if value is None else with_unit(value, print_unit(UNITS[name]))}"
+        for name, value in stated(limits).items()
+    )
+
+
+def _made(designed: Designed, folder: Path, command: str) -> list[Block]:
+    text = (
+        f"{command}. Every drive was simulated with the estimates and with "
+        f"{len(designed.goal.versions) - 1} further versions of the vehicle that are still possible, and refused where "
+        "one of them passes a limit or leaves the range of its equations."
+    )
+    return [Prose(plain(text)), Listing("\n".join(written_to(designed, folder)))]

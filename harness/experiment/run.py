@@ -1,0 +1,144 @@
+"""From a folder of ``harness identify`` or ``trace`` to the drives that tell most of what it left open."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from threadpoolctl import threadpool_limits
+
+from harness.common.errors import UserError
+from harness.config import ModelSpec
+from harness.config.model_choice import fitting_sensors
+from harness.experiment.contract import Expectation, Goal, total
+from harness.experiment.design import Plan, Tried, design
+from harness.experiment.information import Criterion, EstimationGoal, read_fit
+from harness.experiment.limits import Limits
+from harness.experiment.manoeuvres import Room, chosen
+from harness.experiment.rehearsal import Rehearsal
+from harness.models.roles import SENSORS
+
+
+@dataclass(frozen=True)
+class DesignTask:
+    """What drives are asked for.
+
+    Attributes:
+        folder: Of the result.
+        wanted: Parameters that count, with weights; see ``EstimationGoal``.
+        criterion: ``D``, ``A`` or ``c``.
+        limits: Of every drive.
+        budget: s of driving.
+        manoeuvres: Names; all by default.
+        effort: Drives that are tried of each.
+        sensors: Whether the same drives are judged with every set of sensors of the vehicle too.
+        seed: Of the points tried and the versions of the vehicle drawn.
+        jobs: Threads; all cores by default.
+    """
+
+    folder: Path
+    wanted: Mapping[str, float] = field(default_factory=dict)
+    criterion: Criterion = "D"
+    limits: Limits = field(default_factory=Limits)
+    budget: float = 60.0
+    manoeuvres: tuple[str, ...] = ()
+    effort: int = 40
+    sensors: bool = False
+    seed: int = 0
+    jobs: int | None = None
+
+
+@dataclass(frozen=True)
+class Equipped:
+    """The planned drives with other sensors.
+
+    Attributes:
+        name: Set of sensors.
+        outputs: What it measures.
+        expectation: Behind the drives; in words why there is none.
+    """
+
+    name: str
+    outputs: tuple[str, ...]
+    expectation: Expectation | str
+
+
+@dataclass(frozen=True)
+class Designed:
+    """Drives as planned.
+
+    Attributes:
+        task: What was asked for.
+        plant: The vehicle.
+        goal: What is to be found out.
+        plan: The drives.
+        equipped: The same drives with each set of sensors of the vehicle, where asked for.
+    """
+
+    task: DesignTask
+    plant: ModelSpec
+    goal: Goal
+    plan: Plan
+    equipped: tuple[Equipped, ...] = ()
+
+    def alone(self, tried: Tried) -> Expectation:
+        """Return what is expected behind one drive, repeated as often as the budget allows."""
+        return self.goal.expectation(total([(tried.told, tried.times)]))
+
+
+def design_drives(task: DesignTask, say: Callable[[str], None] = lambda _: None) -> Designed:
+    """Return the drives that tell most of what a result left open.
+
+    Args:
+        task: What is asked for.
+        say: Takes a line on what is being done.
+
+    Raises:
+        UserError: If the folder holds no result that can be gone on from, or no drive keeps to the limits.
+    """
+    manoeuvres = chosen(task.manoeuvres)
+    if not task.budget > 0:
+        raise UserError(f"budget: {task.budget:g} s leaves nothing to drive")
+    fit = read_fit(task.folder)
+    _refuse_undriven(fit.spec, task.folder)
+    say("compiling")
+    goal = EstimationGoal(fit, task.wanted, task.criterion, seed=task.seed)
+    rehearsal = Rehearsal(goal.model, fit.spec, goal.versions, goal.recorded, task.limits)
+    jobs = task.jobs or os.cpu_count() or 1
+    room = Room.of(fit.spec, task.limits)
+    with threadpool_limits(1):  # threads of the linear algebra would wait for those of the drives
+        plan = design(goal, rehearsal, room, manoeuvres, task.budget, task.effort, jobs, task.seed, say)
+    if not plan.sequence:
+        reasons = "; ".join(f"{name}: {why}" for name, why in plan.refused.items()) or "nothing tells more"
+        raise UserError(f"no drive of {task.budget:g} s keeps to the limits ({reasons}); widen them or the budget")
+    equipped = []
+    for name in fitting_sensors(fit.spec.vehicle, fit.spec.tyre) if task.sensors else ():
+        say(f"sensors: {name}")
+        equipped.append(_equipped(task, goal, plan, name))
+    return Designed(task, fit.spec, goal, plan, tuple(equipped))
+
+
+def _refuse_undriven(spec: ModelSpec, folder: Path) -> None:
+    """Refuse a vehicle that is not driven by steering wheel and speed, as the drives are."""
+    inputs = spec.model().inputs
+    if spec.external is not None or "steering_wheel_angle" not in inputs:
+        raise UserError(f"{folder}: drives are planned for a vehicle with a steering wheel; its inputs are {inputs}")
+
+
+def _equipped(task: DesignTask, goal: EstimationGoal, plan: Plan, name: str) -> Equipped:
+    """Return what the planned drives tell with other sensors; those so far had theirs."""
+    outputs = tuple(SENSORS.load(name).OUTPUTS)
+    try:
+        other = EstimationGoal(goal.fit.measured_by(name), goal.wanted, goal.criterion)
+        alone = Rehearsal(other.model, other.fit.spec, other.versions[:1], 1, task.limits)
+        parts = []
+        for tried, times in plan.sequence:
+            again = alone.of(tried.rehearsed.drive)
+            if isinstance(again, str):
+                return Equipped(name, outputs, again)
+            parts.append((other.told(again), times))
+    except UserError as error:
+        return Equipped(name, outputs, str(error))
+    return Equipped(name, outputs, other.expectation(total(parts)))

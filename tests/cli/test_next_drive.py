@@ -1,0 +1,76 @@
+"""``harness next-drive``: from a fit to drives that studies and commands take; bad requests in one line."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+import harness as h
+from harness.cli.main import app
+from harness.common.files import read_toml
+from support.identification import CAR
+
+FREE = ["stiffness_over_load_front", "mass_over_inertia"]
+
+
+@pytest.fixture(scope="module")
+def fit(tmp_path_factory):
+    car = h.model(**CAR, integrator="rk4")
+    circle = h.drive("steady_circle", duration="10 s", speed="12 m/s", radius="60 m")
+    folder = tmp_path_factory.mktemp("results") / "fit"
+    h.identify(car, h.simulate(car, circle, seed=1), FREE, settings={"profiles": False, "annealings": 0}).report(folder)
+    return folder
+
+
+def run(*words):
+    return CliRunner().invoke(app, ["next-drive", *map(str, words)])
+
+
+def test_drives_are_planned_written_and_taken(fit, tmp_path):
+    out = tmp_path / "plan"
+    limits = tmp_path / "limits.toml"
+    limits.write_text('lateral_acceleration = "4 m/s^2"\nduration = "15 s"\n')
+    done = run(fit, "--out", out, "--for", "mass_over_inertia", "--limits", limits, "--manoeuvre", "circle,sweep",
+               "--effort", 8, "--budget", "30 s", "--jobs", 1)  # fmt: skip
+    assert done.exit_code == 0, done.output
+    plan = json.loads((out / "next_drive.json").read_text())
+    assert plan["ranked"][0]["manoeuvre"] == "sweep"
+    error = plan["expected"]["parameters"]["mass_over_inertia"]["standard_error"]
+    assert error["after"] < 0.5 * error["before"]
+    assert plan["seconds"] <= 30.0
+    ((name, table),) = [(s["name"], s["drive"]) for s in plan["sequence"]][:1]
+    (drive, *_) = read_toml(out / "next_drive.toml")["drive"]
+    assert drive == {**table, "name": name}
+    car = h.model("car_reference_point", str(fit / "parameters.toml"), sensors="car_reference")
+    profile = h.drive(**drive).profile(car)
+    robot = pd.read_csv(out / f"{name}.csv")
+    np.testing.assert_allclose(robot.steering_wheel_angle, profile.steering_wheel_angle, atol=1e-6)
+    np.testing.assert_allclose(robot.road_wheel_angle * car.spec.steering_ratio, robot.steering_wheel_angle, atol=1e-6)
+    again = h.drive("from_file", file=str(out / f"{name}.csv"), fade=0.0, cutoff=100.0).profile(car)
+    np.testing.assert_allclose(again.speed, profile.speed, rtol=1e-6)
+    assert (out / "report.pdf").stat().st_size > 0
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--for", "yaw_inertia"), "is no fitted parameter"),
+        (("--manoeuvre", "swep"), "closest: sweep"),
+        (("--limit", "road=3"), "no limit 'road'"),
+        (("--limit", "road_width=1 mm", "--effort", 1, "--manoeuvre", "step"), "step: road_width"),
+        (("--for", "mass_over_inertia=much", "--criterion", "c"), "write the weight as a number"),
+        (("--budget", "1 s", "--effort", 1, "--manoeuvre", "step"), "step: budget"),
+    ],
+)
+def test_a_bad_request_is_one_line(fit, tmp_path, words, said):
+    done = run(fit, "--out", tmp_path, "--jobs", 1, *words)
+    assert done.exit_code == 2, done.output
+    assert said in done.stderr.replace("\n", " ")
+
+
+def test_a_folder_without_a_fit_is_refused(tmp_path):
+    done = run(tmp_path)
+    assert done.exit_code == 2
+    assert "identify.json" in done.stderr

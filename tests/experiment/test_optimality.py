@@ -1,0 +1,100 @@
+"""Criteria of optimal design against closed forms, and what manoeuvres tell of a car against textbooks."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from harness.common.errors import UserError
+from harness.experiment.contract import total
+from harness.experiment.design import Tried, design, greedy
+from harness.experiment.information import EstimationGoal, KeptFit, log_error, open_covariance
+from harness.experiment.limits import Limits
+from harness.experiment.manoeuvres import Room, chosen
+from harness.experiment.rehearsal import Rehearsal
+from support.identification import CAR, model_of
+
+FREE = ("stiffness_over_load_front", "stiffness_over_load_rear", "mass_over_inertia")
+PLACES = np.linspace(-1.0, 1.0, 21)
+
+
+def measured_at(degree):
+    """Return measurements of a polynomial with unit noise, one at each place, each of one second."""
+    rows = np.vander(PLACES, degree + 1, increasing=True)
+    return [
+        Tried(None, SimpleNamespace(seconds=1.0, place=x), (np.outer(r, r),), 1, 0.0)
+        for x, r in zip(PLACES, rows, strict=True)
+    ]
+
+
+class Polynomial:
+    """The coefficients of a polynomial, of which next to nothing is known."""
+
+    def __init__(self, degree, criterion="D", rows=None):
+        self.degree, self.criterion = degree, criterion
+        self.rows = list(range(degree + 1)) if rows is None else rows
+
+    def value(self, told):
+        information = 1e-6 * np.eye(self.degree + 1) + (0.0 if told is None else told[0])
+        return log_error(open_covariance(information, self.rows), self.criterion, np.ones(len(self.rows)))
+
+
+def chosen_places(goal, seconds):
+    sequence = greedy(goal, measured_at(goal.degree), seconds)
+    return {round(t.rehearsed.place, 6): times for t, times in sequence}, total([(t.told, n) for t, n in sequence])
+
+
+def test_a_line_is_best_measured_at_its_ends():
+    places, told = chosen_places(Polynomial(1), 20.0)
+    assert places == {-1.0: 10, 1.0: 10}
+    np.testing.assert_allclose(np.linalg.det(told[0]), 20.0**2, rtol=1e-9)  # the most there is
+
+
+def test_a_parabola_is_best_measured_at_its_ends_and_in_the_middle():
+    places, told = chosen_places(Polynomial(2), 30.0)
+    assert places == {-1.0: 10, 0.0: 10, 1.0: 10}
+    np.testing.assert_allclose(np.linalg.det(told[0]), 4.0 * 10.0**3, rtol=1e-9)
+
+
+def test_the_slope_of_a_line_whose_level_is_open_has_the_error_of_both_ends():
+    _, told = chosen_places(Polynomial(1, "c", [1]), 20.0)
+    np.testing.assert_allclose(open_covariance(told[0], [1]), [[1.0 / 20.0]], rtol=1e-9)
+
+
+def test_of_what_is_not_known_the_error_is_infinite():
+    information = np.diag([4.0, 0.0])
+    assert math.isinf(log_error(open_covariance(information, [0, 1]), "D", np.ones(2)))
+    assert log_error(open_covariance(information, [0]), "A", np.ones(1)) == pytest.approx(math.log(0.5))
+
+
+def fitted(**keys):
+    spec = model_of({**CAR, "integrator": "rk4"})
+    estimates = {n: (spec.values[n], 0.3 * spec.values[n], "weakly determined") for n in FREE}
+    return KeptFit(spec, {**estimates, **keys}, np.eye(len(estimates) + len(keys)))
+
+
+def best_errors(goal, manoeuvres):
+    limits = Limits(lateral_acceleration=4.0, duration=15.0)
+    rehearsal = Rehearsal(goal.model, goal.fit.spec, goal.versions[:2], 1, limits)
+    plan = design(goal, rehearsal, Room.of(goal.fit.spec, limits), chosen(manoeuvres), 15.0, effort=10, jobs=1)
+    return {t.manoeuvre.name: math.exp(t.value) for t in plan.ranked}
+
+
+def test_the_circle_tells_the_steady_state_and_quick_steering_the_yaw_inertia():
+    steady = {"stiffness_over_load_front": 1.0, "stiffness_over_load_rear": -1.0}  # the understeer gradient to both
+    gradient = best_errors(EstimationGoal(fitted(), steady, "c"), ["circle", "sweep", "ramp"])
+    inertia = best_errors(EstimationGoal(fitted(), {"mass_over_inertia": 1.0}), ["circle", "sweep", "ramp"])
+    assert min(gradient, key=gradient.get) == "circle"
+    assert min(inertia, key=inertia.get) == "sweep"
+    assert inertia["ramp"] > 3.0 * inertia["sweep"]
+
+
+def test_the_fit_is_the_prior_and_a_parameter_at_its_bound_stays():
+    noise = {"measurement_noise yaw_rate": (1e-6, math.inf, "at its bound"), "process_noise m/s": (1.0, 0.5, None)}
+    goal = EstimationGoal(fitted(**noise))
+    assert goal.names == [*FREE, "process_noise m/s"]
+    np.testing.assert_allclose(goal.before, np.diag([0.3**-2] * 3 + [0.5**-2]), rtol=1e-9)
+    assert goal.value(None) == pytest.approx(math.log(0.3))
+    with pytest.raises(UserError, match="closest: mass_over_inertia"):
+        EstimationGoal(fitted(), {"mass_over_inertja": 1.0})
