@@ -68,7 +68,9 @@ def export_estimator(
     seconds = to_si(duration, "s", "duration")
     with showing(Console(stderr=True), "exporting") as show:
         made = export(spec, estimator, precision, name, (drive, seconds), show)
-    component = None if fmi is None else of_estimator(made.export, made.estimator.has_covariance)
+    component = (
+        None if fmi is None else of_estimator(made.export, made.estimator.has_covariance, made.inputs[0].tolist())
+    )
     return ExportedEstimator(made.export.name, made.answer, made.files, component, fmi)
 
 
@@ -94,6 +96,21 @@ def export_plant(
 
     Raises:
         UserError: If there is no such file, or the plant cannot be printed.
+
+    Example:
+        >>> import harness as h
+        >>> study = h.Study(
+        ...     plant=h.model("car", "govindarajan_2018", sensors="car_series"),
+        ...     targets=["lateral_velocity"],
+        ...     drives=[h.drive("sine", duration="10 s", amplitude="20 deg")],
+        ...     estimators=["ekf"],
+        ...     designs=[h.design("nominal")],
+        ...     name="car",
+        ... )
+        >>> "void car_plant_step(car_plant *e, const car_plant_inputs *inputs);" in h.export_plant(study).files[
+        ...     "car_plant.h"
+        ... ]
+        True
     """
     from harness.realtime.export.fmi.component import of_a_plant
     from harness.realtime.export.plant import files, printed_plant

@@ -49,7 +49,7 @@ def exported(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def estimator(exported):
-    return of_estimator(exported.export, True)
+    return of_estimator(exported.export, True, exported.inputs[0].tolist())
 
 
 @pytest.fixture(scope="module")
@@ -336,9 +336,10 @@ def test_without_a_compiler_there_are_the_sources(tmp_path, monkeypatch, estimat
 
 
 def test_the_same_fmu_has_the_same_description_and_another_belief_another_token(exported, estimator):
-    assert estimator.token == of_estimator(exported.export, True).token
+    first = exported.inputs[0].tolist()
+    assert estimator.token == of_estimator(exported.export, True, first).token
     values = {**exported.export.variances, "first": [0.1, 0.0]}
-    assert estimator.token != of_estimator(dataclasses.replace(exported.export, variances=values), True).token
+    assert estimator.token != of_estimator(dataclasses.replace(exported.export, variances=values), True, first).token
 
 
 def test_the_command_writes_them(tmp_path, monkeypatch):

@@ -17,12 +17,14 @@ from harness.engine.c99.program import Program
 from harness.engine.c99.values import Array, Root
 from harness.engine.compile import CompiledModel, compile_model, load_source, paste
 from harness.engine.kernel_source import Kernel
+from harness.models.contracts import Profile
 from harness.models.roles import SENSORS
 from harness.realtime.export import plant_kernels
 from harness.realtime.export.interface import Quantity, identifier, of_parameters, of_signals
 from harness.realtime.export.library import Member, MemoryLayout, Precision
 from harness.realtime.export.source import array_of, comment, mentioned, structure, with_kernels
 from harness.simulation.drives import profile_of
+from harness.simulation.simulate import input_table
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,8 @@ class PlantExport:
         study: Digest of the study.
         step: Sample time in s.
         precision: Of the numbers.
-        inputs, signals, parameters: What goes in and comes out.
+        inputs: What drives it, with the values at the beginning of the study's first drive.
+        signals, parameters: What comes out, and what it is.
         states: Names of those signals that are states.
         first: States that begin at a number of their own.
         begins: Where each state begins, in C.
@@ -106,8 +109,12 @@ def printed_plant(
     if compiled.kernels.CONDITIONS:
         raise UserError(f"{title}: effects of its model may be absent; state one with those that are there")
     parameters = of_parameters(compiled, [float(spec.values[n]) for n in model.parameter_names])
-    inputs = of_signals(model.inputs)
-    first, begins = _first(study, compiled, parameters, inputs)
+    profile = profile_of(study.plant, study.drives[0])
+    inputs = tuple(
+        dataclasses.replace(q, value=float(value))
+        for q, value in zip(of_signals(model.inputs), input_table(profile, model)[0], strict=True)
+    )
+    first, begins = _first(compiled, profile, parameters, inputs)
     kernels, (begin, move, tell), members = _printed(title, compiled)
     words = " ".join(f"Plant of study '{study.name}'".split()).replace("*/", "* /")
     return PlantExport(
@@ -117,7 +124,7 @@ def printed_plant(
 
 
 def _first(
-    study: StudySpec, compiled: CompiledModel, parameters: Sequence[Quantity], inputs: Sequence[Quantity]
+    compiled: CompiledModel, profile: Profile, parameters: Sequence[Quantity], inputs: Sequence[Quantity]
 ) -> tuple[tuple[Quantity, ...], tuple[str, ...]]:
     """Return the states that begin at a number of their own, and where each state begins in C."""
     places = {q.name: f"values->parameters.{q.field}" for q in parameters}
@@ -129,7 +136,7 @@ def _first(
             begins.append(places[start])
             continue
         if isinstance(start, str):
-            start = float(getattr(profile_of(study.plant, study.drives[0]), start)[0])
+            start = float(getattr(profile, start)[0])
         first.append(dataclasses.replace(quantity, value=start))
         begins.append(f"values->first.{quantity.field}")
     return tuple(first), tuple(begins)

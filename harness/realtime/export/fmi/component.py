@@ -115,26 +115,31 @@ def _distinct(variables: Iterable[ModelVariable]) -> tuple[ModelVariable, ...]:
     return tuple(result)
 
 
-def _described(quantity: Quantity, prefix: str = "") -> str:
-    about = "; ".join(part.strip() for part in quantity.says.split(";")[1:])
-    return f"{prefix}{about or quantity.name}"
+def _described(quantity: Quantity) -> str:
+    """Return meaning and frame."""
+    _, *frame, meaning = (part.strip() for part in f"{quantity.says};".rstrip(";").split(";"))
+    return "; ".join([meaning, *frame])
 
 
 def _squared(unit: str) -> str:
     return unit if unit in WITHOUT_UNIT else f"({unit})^2"
 
 
-def of_estimator(export: Export, has_covariance: bool) -> Component:
+def of_estimator(export: Export, has_covariance: bool, first: Sequence[float]) -> Component:
     """Return an estimator as a model of FMI.
 
     Args:
         export: The estimator.
         has_covariance: Whether it states one.
+        first: Inputs to begin with, where an importer sets none.
     """
     face, name, number = export.interface, export.name, f"{export.name}_real"
-    known = [ModelVariable(q.name, "input", _described(q), q.unit) for q in face.inputs]
+    known = [
+        ModelVariable(q.name, "input", _described(q), q.unit, start=value)
+        for q, value in zip(face.inputs, first, strict=True)
+    ]
     measured = [
-        ModelVariable(q.name, "measurement", f"measured; {_described(q)}; NaN where it is missing", q.unit,
+        ModelVariable(q.name, "measurement", f"measured: {_described(q)}; NaN where it is missing", q.unit,
                       start=math.nan)
         for q in face.measurements
     ]  # fmt: skip
@@ -146,28 +151,28 @@ def of_estimator(export: Export, has_covariance: bool) -> Component:
     believed = [
         ModelVariable(
             q.name if group == "parameters" else f"{group}.{q.name}", "parameter",
-            f"believed {_described(q)}" if group == "parameters" else f"believed: {meaning}; {_described(q)}",
+            f"believed: {_described(q)}" if group == "parameters" else f"believed {meaning}: {_described(q)}",
             _squared(q.unit) if group.endswith(("noise", "variance")) else q.unit, start=value,
         )
         for group, meaning in BELIEVED.items()
         for q, value in zip(export.quantities(group), export.values(group), strict=True)
     ]  # fmt: skip
     told = [
-        (ModelVariable(f"estimate_{q.name}", "output", f"estimated {_described(q)}", q.unit), f"value.{q.field}")
+        (ModelVariable(f"estimate_{q.name}", "output", f"estimate: {_described(q)}", q.unit), f"value.{q.field}")
         for q in face.estimates
     ]
     told += [(v, f"deviation.{q.field}") for v, q in zip(_deviations(face.estimates), face.estimates, strict=True)]
     told += [(_NIS, "nis"), (_LIKELIHOOD, "log_likelihood")]
     told = told if has_covariance else told[: len(face.estimates)]
     told += [(_USED, "used"), (_OUTSIDE, "outside")]
-    first = len(known) + len(measured) + len(valid)
+    begin = len(known) + len(measured) + len(valid)
     variables = _distinct([*known, *measured, *valid, *believed, *(v for v, _ in told)])
     functions = _OF_ESTIMATOR.format(
         name=name,
         inputs="\n".join(filled_from(face.inputs, "inputs", number, "v")),
         measurements="\n".join(_measurement(face.measurements, number, len(known))),
-        belief="\n".join(_belief(export, number, first)),
-        outputs=_outputs([of for _, of in told], first + len(believed)),
+        belief="\n".join(_belief(export, number, begin)),
+        outputs=_outputs([of for _, of in told], begin + len(believed)),
     )
     texts = {f"{name}.h": header(export), f"{name}.c": source(export)}
     return Component(name, export.title, export.step, True, (*variables, _CLOCK), functions, texts)
@@ -248,13 +253,13 @@ def of_a_plant(plant: PlantExport) -> Component:
     """Return a plant as a model of FMI."""
     name, number = plant.name, f"{plant.name}_real"
     states = set(plant.states)
-    inputs = [ModelVariable(q.name, "input", _described(q), q.unit) for q in plant.inputs]
+    inputs = [ModelVariable(q.name, "input", _described(q), q.unit, start=float(q.value or 0.0)) for q in plant.inputs]
     parameters = [
         ModelVariable(q.name, "parameter", _described(q), q.unit, start=float(q.value or 0.0)) for q in plant.parameters
     ]
     first = [
         ModelVariable(
-            f"first.{q.name}", "parameter", _described(q, "first state; "), q.unit, start=float(q.value or 0.0)
+            f"first.{q.name}", "parameter", f"first state: {_described(q)}", q.unit, start=float(q.value or 0.0)
         )
         for q in plant.first
     ]
