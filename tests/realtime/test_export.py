@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from harness.common.files import write_files
 from harness.config import build_study
 from harness.config.parameter_set import set_text
 from harness.realtime.export import run
+from harness.realtime.export.interface import TAKEN
 from harness.study.design import units
 from harness.study.evaluate import StudyEvaluator
 from support.exports import COMPILER, made
@@ -100,6 +102,38 @@ def test_a_csv_of_ones_own(tmp_path):
     done = subprocess.run([f"./{name}", "own.csv"], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert "no column 'steering_wheel_angle'" in done.stderr
+
+
+@needs_compiler
+def test_a_csv_as_spreadsheets_write_it_and_what_is_refused_of_one(tmp_path):
+    name = exported(tmp_path).export.name
+    made(tmp_path, "all")
+
+    def ran(text):
+        (tmp_path / "own.csv").write_bytes(text.encode())
+        return subprocess.run([f"./{name}", "own.csv"], cwd=tmp_path, capture_output=True, text=True, check=False)
+
+    head, rows = "time,steering_wheel_angle,speed,yaw_rate,lateral_acceleration", ["0,0.1,15,,", "0.01,0.1,15,0.02,0.3"]
+    plain = ran("\n".join([head, *rows]) + "\n")
+    assert plain.returncode == 0
+    quoted = [" , ".join(f'"{cell}"' for cell in line.split(",")) for line in (head, *rows)]
+    assert ran("\ufeff" + "\r\n".join([*quoted, "", ""])).stdout == plain.stdout
+    for text, word in (
+        ([head, rows[0], "0.02,0.1,15,0.02,0.3"], "line 3: time does not go on by the estimator's step in s"),
+        ([head, rows[0], "0.01,0.1,15,0.02 rad/s,0.3"], "line 3: is no number: 0.02 rad/s"),
+        ([head, rows[0], "0.01,0.1,inf,0.02,0.3"], "line 3: is no number: inf"),
+        ([head, rows[0], "0.01,0.1,,0.02,0.3"], "line 3: there is no number of the input speed"),
+        ([head, rows[0], "0.01,0.1"], "line 3: has more or fewer cells than the first line"),
+        ([f"{head},speed", f"{rows[0]},1"], "line 1: there are two columns speed"),
+        ([head + ",x" * 40000, rows[0]], "line 1: is too long"),
+        ([head + ",x" * 1000, rows[0]], "line 1: has too many cells"),
+    ):
+        done = ran("\n".join(text) + "\n")
+        assert done.returncode == 2
+        assert word in done.stderr
+    without = ran("steering_wheel_angle,speed,yaw_rate\n0.1,15,0\n")
+    assert without.returncode == 0
+    assert "no column 'lateral_acceleration': this measurement is missing throughout" in without.stderr
 
 
 @needs_compiler
@@ -195,6 +229,16 @@ def test_a_parameter_file_is_the_belief(tmp_path):
         run.believing(study, tmp_path / "nothing.toml")
 
 
+def test_no_export_is_called_as_a_function_of_a_template():
+    templates = Path(run.__file__).parent / "templates"
+    texts = [path.read_text() for path in templates.glob("*.[ch]")]
+    functions = {name for text in texts for name in re.findall(r"^static [^=;]*?(\w+)\(", text, re.MULTILINE)}
+    assert {"advance", "read_line"} < functions
+    assert functions - TAKEN - {n for n in functions if n.startswith(("get_", "set_"))} == set()
+    types = {name for text in texts for name in re.findall(r"^} (\w+);", text, re.MULTILINE)}
+    assert types - TAKEN - {n for n in types if n.startswith("fmi")} == set()
+
+
 def test_the_command(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     study = h.Study(
@@ -206,8 +250,13 @@ def test_the_command(tmp_path, monkeypatch):
         name="car",
     )
     (tmp_path / "car.toml").write_text(study.spec.text)
-    done = CliRunner().invoke(app, ["export", "car.toml", "--duration", "2 s", "--name", "my filter"])
+    for name in ("my filter", "printf", "double", "class", "3d", "model"):
+        done = CliRunner().invoke(app, ["export", "car.toml", "--name", name])
+        assert done.exit_code == 2
+        assert f"--name '{name}'" in done.output
+    done = CliRunner().invoke(app, ["export", "car.toml", "--duration", "1 h", "--name", "my_filter"])
     assert done.exit_code == 0, done.output
+    assert "5 s of drive 'sine', which is no longer" in " ".join(done.output.split())
     assert (tmp_path / "results/export-my_filter/my_filter.c").is_file()
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine/Makefile").write_text("all:\n")

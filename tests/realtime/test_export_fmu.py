@@ -151,7 +151,8 @@ def test_fmpy_finds_no_fault_and_simulates_what_the_harness_estimated(version, t
     assert validate_fmu(str(path)) == []
     names = [q.name for q in (*exported.export.interface.inputs, *exported.export.interface.measurements)]
     lines = exported.files["replay.csv"].splitlines()
-    table = np.array([[float(x) for x in line.split(",")[: len(names)]] for line in lines[1:]])
+    places = [lines[0].split(",").index(name) for name in names]
+    table = np.array([[float(line.split(",")[i]) for i in places] for line in lines[1:]])
     # At the end of a step are the estimates of what was set before it; FMPy sets what is of its beginning.
     series = np.zeros(len(table) - 1, dtype=[("time", float), *((n, float) for n in names)])
     series["time"] = STEP * np.arange(len(series))

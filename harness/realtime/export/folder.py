@@ -88,7 +88,7 @@ def _main(export: Export) -> str:
     ]
     given = [q.name for q in (*face.inputs, *face.measurements)]
     return _filled(
-        "main.c", export, GIVEN=_quoted(given), RESULTS=_quoted(results_of(export)), STEP="\n".join(step),
+        "main.c", export, GIVEN=_quoted(given), RESULTS=_quoted(results_of(export)), TAKE="\n".join(step),
         TOLERANCE=TOLERANCE[export.precision],
     )  # fmt: skip
 
@@ -152,10 +152,11 @@ def study_table(export: Export, has_covariance: bool) -> str:
 def _replay(export: Export, has_covariance: bool, inputs: Floats, measurements: Floats, history: History) -> str:
     """Return the CSV of a recorded run, to the last digit."""
     face = export.interface
-    names = [q.name for q in (*face.inputs, *face.measurements)] + results_of(export)
+    time = export.step * np.arange(len(inputs))
+    names = ["time", *(q.name for q in (*face.inputs, *face.measurements)), *results_of(export)]
     nis = np.where(history.facts[:, 1] > 0, history.facts[:, 0], np.nan)
-    table = np.column_stack([inputs, measurements, history.estimate, history.deviation, nis])
+    table = np.column_stack([time, inputs, measurements, history.estimate, history.deviation, nis])
     if not has_covariance:
-        names = names[: inputs.shape[1] + measurements.shape[1] + history.estimate.shape[1]]
+        names = names[: 1 + inputs.shape[1] + measurements.shape[1] + history.estimate.shape[1]]
     lines = (",".join(map(repr, row)) for row in table[:, : len(names)].tolist())
     return "\n".join([",".join(names), *lines]) + "\n"

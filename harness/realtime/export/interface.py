@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from harness.common.errors import UserError
 from harness.engine.c99.functions import RESERVED
 from harness.engine.compile import CompiledModel
 from harness.models.signals import signal_attributes
@@ -96,12 +97,52 @@ def _quantities(described: Iterable[tuple[str, str]], values: Sequence[float] = 
     return tuple(quantities)
 
 
-TAKEN = RESERVED | {"cells", "estimator", "given", "line", "main", "number", "results", "step", "steps"}
+_OWN = """advance bare belief callbacks cells column_of count enter_initialization estimator exit_initialization
+    follow given instance instantiated kept line lines main memory missing model none number phase place
+    read_line refused restart restored results room say step steps time_of values variables written"""
+TAKEN = RESERVED.union(_OWN.split())
 """Names that what comes with an estimator has itself."""
+
+_LIBRARY = """abort abs acos acosh asin asinh assert atan atan2 atanh atexit atof atoi atol bsearch calloc cbrt
+    ceil clearerr clock copysign cos cosh div erf erfc exit exp exp2 expm1 fabs fclose fdim feof ferror fflush
+    fgetc fgets floor fma fmax fmin fmod fopen fprintf fputc fputs fread free freopen frexp fscanf fseek ftell
+    fwrite getc getchar getenv gets hypot ilogb isfinite isinf isnan isnormal labs ldexp ldiv lgamma llabs log
+    log10 log1p log2 logb lrint lround malloc memchr memcmp memcpy memmove memset modf nan nearbyint perror pow
+    printf putc putchar puts qsort raise rand random read realloc remainder remove remquo rename rewind rint
+    round scalbn scanf select setbuf signal signbit sin sinh snprintf sprintf sqrt srand sscanf strcat strchr
+    strcmp strcpy strlen strncmp strtod strtof strtol strtoul system tan tanh tgamma time tmpfile tmpnam trunc
+    ungetc write FILE NULL NAN INFINITY EOF size_t ptrdiff_t wchar_t int8_t int16_t int32_t int64_t uint8_t
+    uint16_t uint32_t uint64_t intptr_t uintptr_t stdin stdout stderr errno asm catch class constexpr delete
+    explicit export friend mutable namespace new operator private protected public template this throw try
+    typename using virtual"""
+OF_THE_LIBRARY = frozenset(_LIBRARY.split())
+"""Names of the library of C, and words of C++, which may include a header as well."""
+
+
+def name_in_c(stated: str | None, otherwise: str) -> str:
+    """Return the name that everything of an export begins with.
+
+    Args:
+        stated: As the user wants it; ``None`` for one of ours.
+        otherwise: What ours is made of.
+
+    Raises:
+        UserError: If the stated one is none that C could have.
+    """
+    if stated is None:
+        return identifier(otherwise)
+    if not re.fullmatch(r"[A-Za-z]\w*", stated, flags=re.ASCII):
+        raise UserError(
+            f"--name '{stated}': has to begin with a letter and to have letters, digits and _ only; "
+            f"'{identifier(stated)}' would do"
+        )
+    if stated in TAKEN | OF_THE_LIBRARY:
+        raise UserError(f"--name '{stated}': C or what is printed has a name like it; '{identifier(stated)}' would do")
+    return stated
 
 
 def identifier(name: str) -> str:
-    """Return a name as a C identifier, for an estimator."""
+    """Return a name as a C identifier, for what is printed."""
     word = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_").lower()
     word = f"n_{word}" if word[:1].isdigit() else word
-    return f"{word}_filter".strip("_") if word in TAKEN or not word else word
+    return f"{word}_filter".strip("_") if word in TAKEN | OF_THE_LIBRARY or not word else word

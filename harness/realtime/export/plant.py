@@ -20,7 +20,7 @@ from harness.engine.kernel_source import Kernel
 from harness.models.contracts import Profile
 from harness.models.roles import SENSORS
 from harness.realtime.export import plant_kernels
-from harness.realtime.export.interface import Quantity, identifier, of_parameters, of_signals
+from harness.realtime.export.interface import Quantity, name_in_c, of_parameters, of_signals
 from harness.realtime.export.library import Member, MemoryLayout, Precision
 from harness.realtime.export.source import array_of, comment, mentioned, structure, with_kernels
 from harness.simulation.drives import profile_of
@@ -118,7 +118,7 @@ def printed_plant(
     kernels, (begin, move, tell), members = _printed(title, compiled)
     words = " ".join(f"Plant of study '{study.name}'".split()).replace("*/", "* /")
     return PlantExport(
-        identifier(name or f"{study.name}_plant"), words, study.hash, spec.step, precision, inputs, of_signals(signals),
+        name_in_c(name, f"{study.name}_plant"), words, study.hash, spec.step, precision, inputs, of_signals(signals),
         parameters, model.states, first, begins, kernels, begin, move, tell, members,
     )  # fmt: skip
 

@@ -19,7 +19,7 @@ from harness.config.specs import EstimatorSpec
 from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.estimation.contract import load_estimator
 from harness.realtime.export import folder
-from harness.realtime.export.interface import identifier, interface_of
+from harness.realtime.export.interface import interface_of, name_in_c
 from harness.realtime.export.library import Precision, library_of
 from harness.realtime.export.source import Export
 from harness.runner.contract import History
@@ -38,6 +38,7 @@ class Exported:
         files: Text by file name.
         estimator: The same for studies.
         inputs, history: Of the recorded run: what was known ``(samples, nu)``, and what the estimator made of it.
+        recorded: That run, in words.
     """
 
     export: Export
@@ -45,6 +46,7 @@ class Exported:
     estimator: CompiledEstimator
     inputs: Floats
     history: History
+    recorded: str
 
     @property
     def answer(self) -> str:
@@ -52,7 +54,7 @@ class Exported:
         lines = self.files[f"{self.export.name}.c"].count("\n")
         return (
             f"{self.export.title} in C: {lines:,} lines, {self.export.memory:,} bytes of memory for each that runs, "
-            f"{self.export.precision} precision; 'make check' in the folder builds it and replays a recorded run"
+            f"{self.export.precision} precision; 'make check' in the folder builds it and replays {self.recorded}"
         )
 
 
@@ -158,7 +160,7 @@ def export(
         "measurement_noise": held.measurement_noise,
         "first_variance": compiled.first_variance(held.process_noise),
     }
-    whole = identifier(name or f"{study.name}_{spec.name}")
+    whole = name_in_c(name, f"{study.name}_{spec.name}")
     settings = ", ".join(f"{key} = {value}" for key, value in spec.settings.items())
     export = Export(
         whole,
@@ -175,7 +177,9 @@ def export(
     y = measurements[..., 0].copy()
     y[0] = np.nan
     files = folder.contents(export, made.has_covariance, inputs.at[..., 0], y, history)
-    return Exported(export, files, made, inputs.at[..., 0], history)
+    length = f"{(samples - 1) * study.belief.step:g} s of drive '{driven.name}'"
+    whole_drive = ", which is no longer" if duration > (there - 1) * study.belief.step else ""
+    return Exported(export, files, made, inputs.at[..., 0], history, f"{length}{whole_drive}")
 
 
 def _ratio(tuned: Floats, untuned: Floats) -> list[float]:

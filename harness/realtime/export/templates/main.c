@@ -4,7 +4,8 @@
  *     ./@NAME@ check replay.csv 1e-9
  *
  * The first line of the file names its columns; inputs and measurements are looked for by the names in @NAME@.h, in SI
- * units, a line for each sample. An empty cell or nan is a measurement that is missing. With check the columns of the
+ * units, a line for each sample. Cells are separated by commas and may be in quotes. An empty cell or nan is a
+ * measurement that is missing. A column time has to go on by the estimator's step, @STEP@ s. With check the columns of the
  * file that are called as results are compared with these: the largest difference over the largest magnitude. */
 #include "@NAME@.h"
 
@@ -25,42 +26,86 @@ static @NAME@ estimator;
 static char line[1 << 16];
 static char *cells[MOST];
 
-static int read_line(FILE *file) {
+static long lines;
+
+static int refused(const char *path, const char *what, const char *which) {
+    fprintf(stderr, "%s: line %ld: %s%s\n", path, lines, what, which);
+    exit(2);
+}
+
+/* Return a cell without blanks and quotes around it. */
+static char *bare(char *cell) {
+    size_t size;
+    cell += strspn(cell, " \t\"");
+    size = strlen(cell);
+    while (size > 0 && strchr(" \t\"", cell[size - 1]) != NULL) {
+        cell[--size] = '\0';
+    }
+    return cell;
+}
+
+/* Read the cells of the next line that is not blank; return how many. */
+static int read_line(FILE *file, const char *path) {
     int count = 0;
     char *at = line;
-    if (fgets(line, sizeof line, file) == NULL) {
-        return 0;
-    }
-    line[strcspn(line, "\r\n")] = '\0';
-    while (count < MOST) {
-        cells[count++] = at;
-        at = strchr(at, ',');
-        if (at == NULL) {
-            break;
+    do {
+        if (fgets(line, sizeof line, file) == NULL) {
+            return 0;
         }
-        *at++ = '\0';
+        lines++;
+        if (strlen(line) == sizeof line - 1) {
+            refused(path, "is too long", "");
+        }
+        line[strcspn(line, "\r\n")] = '\0';
+    } while (line[strspn(line, " \t")] == '\0');
+    if (lines == 1 && strncmp(line, "\xef\xbb\xbf", 3) == 0) {
+        at += 3; /* a byte order mark */
+    }
+    while (at != NULL) {
+        char *next = strchr(at, ',');
+        if (next != NULL) {
+            *next++ = '\0';
+        }
+        if (count == MOST) {
+            refused(path, "has too many cells", "");
+        }
+        cells[count++] = bare(at);
+        at = next;
     }
     return count;
 }
 
-static int column_of(const char *name, int count) {
+static int column_of(const char *path, const char *name, int count) {
+    int column = -1;
     for (int i = 0; i < count; i++) {
         if (strcmp(cells[i], name) == 0) {
-            return i;
+            if (column >= 0) {
+                refused(path, "there are two columns ", name);
+            }
+            column = i;
         }
     }
-    return -1;
+    return column;
 }
 
-static double number(int column, int count) {
-    return column < 0 || column >= count || cells[column][0] == '\0' ? (double) NAN : strtod(cells[column], NULL);
+static double number(const char *path, int column) {
+    char *end;
+    double value;
+    if (column < 0 || cells[column][0] == '\0') {
+        return (double) NAN;
+    }
+    value = strtod(cells[column], &end);
+    if (*end != '\0' || isinf(value)) {
+        refused(path, "is no number: ", cells[column]);
+    }
+    return value;
 }
 
 static void step(const double *values, double *told, bool *outside) {
     @NAME@_inputs inputs;
     @NAME@_measurements measurements;
     @NAME@_outcome outcome;
-@STEP@
+@TAKE@
     *outside = outcome.outside;
 }
 
@@ -68,25 +113,28 @@ int main(int argc, char **argv) {
     int checks = argc > 1 && strcmp(argv[1], "check") == 0;
     const char *path = argc > 1 + checks ? argv[1 + checks] : NULL;
     double tolerance = argc > 3 ? strtod(argv[3], NULL) : @TOLERANCE@;
-    int columns[GIVEN + 1], expected[RESULTS], count, failed = 0;
-    double values[GIVEN + 1], told[RESULTS], off[RESULTS] = {0.0}, largest[RESULTS] = {0.0};
+    int columns[GIVEN + 1], expected[RESULTS], count, width, clock, failed = 0;
+    double before = 0.0, values[GIVEN + 1], told[RESULTS], off[RESULTS] = {0.0}, largest[RESULTS] = {0.0};
     long samples = 0;
     bool outside = false;
     @NAME@_belief belief;
     FILE *file = path == NULL ? NULL : fopen(path, "r");
-    if (file == NULL || (count = read_line(file)) == 0) {
+    if (file == NULL || (count = read_line(file, path)) == 0) {
         fprintf(stderr, "usage: %s [check] FILE.csv [TOLERANCE]; a file that can be read\n", argv[0]);
         return 2;
     }
     for (int i = 0; i < GIVEN; i++) {
-        columns[i] = column_of(given[i], count);
+        columns[i] = column_of(path, given[i], count);
         if (columns[i] < 0 && i < INPUTS) {
             fprintf(stderr, "%s has no column '%s', which is an input\n", path, given[i]);
             return 2;
         }
+        if (columns[i] < 0) {
+            fprintf(stderr, "%s has no column '%s': this measurement is missing throughout\n", path, given[i]);
+        }
     }
     for (int i = 0; i < RESULTS; i++) {
-        expected[i] = column_of(results[i], count);
+        expected[i] = column_of(path, results[i], count);
         if (checks && expected[i] < 0 && i < @UPPER@_ESTIMATES) {
             fprintf(stderr, "%s has no column '%s' to compare with\n", path, results[i]);
             return 2;
@@ -94,19 +142,28 @@ int main(int argc, char **argv) {
         printf("%s%s", checks ? "" : results[i], checks ? "" : ",");
     }
     fputs(checks ? "" : "outside\n", stdout);
+    clock = column_of(path, "time", count);
     @NAME@_believe(&belief);
     @NAME@_begin(&estimator, &belief);
-    while ((count = read_line(file)) > 0) {
+    while ((width = read_line(file, path)) > 0) {
+        double now;
+        if (width != count) {
+            refused(path, "has more or fewer cells than the first line", "");
+        }
+        now = number(path, clock);
+        if (clock >= 0 && samples > 0 && !(fabs(now - before - @UPPER@_STEP) < 0.1 * @UPPER@_STEP)) {
+            refused(path, "time does not go on by the estimator's step in s, which is ", "@STEP@");
+        }
+        before = now;
         for (int i = 0; i < GIVEN; i++) {
-            values[i] = number(columns[i], count);
+            values[i] = number(path, columns[i]);
             if (i < INPUTS && isnan(values[i])) {
-                fprintf(stderr, "%s: line %ld: input '%s' is no number\n", path, samples + 2, given[i]);
-                return 2;
+                refused(path, "there is no number of the input ", given[i]);
             }
         }
         step(values, told, &outside);
         for (int i = 0; i < RESULTS; i++) {
-            double other = number(expected[i], count);
+            double other = number(path, expected[i]);
             if (!checks) {
                 printf("%.9g,", told[i]);
             } else if (isnan(told[i]) != isnan(other) && expected[i] >= 0) {
