@@ -15,7 +15,7 @@ from harness.common.files import parse_toml
 from harness.common.registry import closest
 from harness.config import DesignSpec, StudySpec, build_study
 from harness.config.parameter_set import load_set
-from harness.config.specs import EstimatorSpec
+from harness.config.specs import DriveSpec, EstimatorSpec
 from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.estimation.contract import load_estimator
 from harness.realtime.export import folder
@@ -120,17 +120,14 @@ def export(
     Raises:
         UserError: If there is no such estimator or drive, or it cannot be printed.
     """
-    (drive, duration), spec, drives = recorded, chosen(study, estimator), [d.name for d in study.drives]
+    spec, duration = chosen(study, estimator), recorded[1]
+    whole = name_in_c(name, f"{study.name}_{spec.name}")
     if study.belief.input_noise:
         raise UserError(
             f"estimator '{spec.name}' ({spec.kind}) cannot be exported: the belief states noise of inputs "
             f"({', '.join(study.belief.input_noise)}), of which exported estimators know nothing; leave noise.input out"
         )
-    if drive is not None and drive not in drives:
-        raise UserError(f"--drive {drive}: study '{study.name}' has no such drive{closest(drive, drives)}")
-    if not duration >= study.belief.step:
-        raise UserError(f"duration: {duration:g} s is less than a sample of {study.belief.step:g} s; record more")
-    driven = study.drives[0 if drive is None else drives.index(drive)]
+    driven = _drive(study, *recorded)
     say("building model and drive")
     alone = dataclasses.replace(
         study, drives=(driven,), estimators=(spec,), designs=(DesignSpec("export", ()),), history=(), over_time=None
@@ -160,7 +157,6 @@ def export(
         "measurement_noise": held.measurement_noise,
         "first_variance": compiled.first_variance(held.process_noise),
     }
-    whole = name_in_c(name, f"{study.name}_{spec.name}")
     settings = ", ".join(f"{key} = {value}" for key, value in spec.settings.items())
     export = Export(
         whole,
@@ -180,6 +176,16 @@ def export(
     length = f"{(samples - 1) * study.belief.step:g} s of drive '{driven.name}'"
     whole_drive = ", which is no longer" if duration > (there - 1) * study.belief.step else ""
     return Exported(export, files, made, inputs.at[..., 0], history, f"{length}{whole_drive}")
+
+
+def _drive(study: StudySpec, drive: str | None, duration: float) -> DriveSpec:
+    """Return a drive of a study by name, the first by default, of which so many s are wanted."""
+    drives = [d.name for d in study.drives]
+    if drive is not None and drive not in drives:
+        raise UserError(f"--drive {drive}: study '{study.name}' has no such drive{closest(drive, drives)}")
+    if not duration >= study.belief.step:
+        raise UserError(f"duration: {duration:g} s is less than a sample of {study.belief.step:g} s; record more")
+    return study.drives[0 if drive is None else drives.index(drive)]
 
 
 def _ratio(tuned: Floats, untuned: Floats) -> list[float]:
