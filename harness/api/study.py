@@ -106,7 +106,7 @@ class PopulationKeys(TypedDict, total=False):
         scramblings: Independent scramblings (default 8).
         correlation: Of two factors each.
         groups: Factors that are ranked as one.
-        posterior: Result folder of ``harness identify`` or ``trace``; parameters are drawn as it left them.
+        posterior: Result folder of ``harness identify`` or ``trace``, or a sample in a CSV file.
     """
 
     scramblings: int | None

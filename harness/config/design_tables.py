@@ -108,7 +108,8 @@ class DesignTable(StrictTable):
     )
     posterior: Name | None = Field(
         default=None,
-        description="population only: result of `harness identify` or `trace`; parameters are drawn as it left them",
+        description="population only: what parameters are drawn from: a result of `harness identify` or `trace`, or a "
+        "sample in a CSV file",
     )
     groups: dict[Name, Annotated[list[Name], Field(min_length=1)]] | None = Field(
         default=None, description='population only: factors that are ranked as one, `{ tyre = ["friction", ...] }`'

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -127,29 +127,12 @@ class DistributionReader:
             raise MissingFileError(
                 f"{self.where}.file: there is no file '{name}' in {self.folder} or the working folder"
             )
-        lines = read_text(path).splitlines()
-        head = lines[0] if lines else ""
-        rows = list(csv.reader(io.StringIO("\n".join(lines)), delimiter=max(",;\t", key=head.count)))
+        rows = cells(path)
         wanted = self.table.column or self.parameter.name
-        titles = [title.strip() for title in rows[0]] if rows else []
+        titles = list(rows)
         if wanted not in titles:
             raise UserError(f"{self.where}.column: {path} has no column '{wanted}'{closest(wanted, titles)}")
-        place, sample = titles.index(wanted), []
-        for line, row in enumerate(rows[1:], 2):
-            if not any(cell.strip() for cell in row):
-                continue
-            cell = row[place].strip() if place < len(row) else ""
-            try:
-                sample.append(float(cell) if "_" not in cell else math.nan)
-            except ValueError:
-                sample.append(math.nan)
-            if not math.isfinite(sample[-1]):
-                raise UserError(
-                    f"{path}: line {line}, column '{wanted}': {cell!r} is no number; mend or remove the line"
-                )
-        if len(sample) < 2:
-            raise UserError(f"{path}: column '{wanted}' has {len(sample)} numbers; a sample needs at least 2")
-        return sample
+        return list(numbers(path, wanted, rows[wanted]))
 
     def _steps(self, table: DistributionTable) -> Marginal:
         values = [self.number(v, f"{self.where}.values[{i}]") for i, v in enumerate(table.values or [])]
@@ -243,6 +226,44 @@ class DistributionReader:
             case "log_uniform":
                 return Marginal(kind, (math.exp(begin), math.exp(begin + size)))
         return Marginal(kind, (begin, size))
+
+
+def cells(path: Path) -> dict[str, dict[int, str]]:
+    """Return the cells of a CSV file by column and line; of lines that are not blank.
+
+    Raises:
+        UserError: If it is no text, or two columns have one name.
+    """
+    lines = read_text(path).splitlines()
+    head = lines[0] if lines else ""
+    rows = list(csv.reader(io.StringIO("\n".join(lines)), delimiter=max(",;\t", key=head.count)))
+    there = {line: row for line, row in enumerate(rows[1:], 2) if any(cell.strip() for cell in row)}
+    titles = [title.strip() for title in rows[0]] if rows else []
+    if twice := next((title for i, title in enumerate(titles) if title in titles[:i]), None):
+        raise UserError(f"{path}: two columns are called '{twice}'; rename or remove one of them")
+    return {
+        title: {line: row[i].strip() if i < len(row) else "" for line, row in there.items()}
+        for i, title in enumerate(titles)
+    }
+
+
+def numbers(path: Path, column: str, texts: Mapping[int, str]) -> list[float]:
+    """Return the numbers of a column of a sample.
+
+    Raises:
+        UserError: If a cell is none, or they are fewer than two.
+    """
+    sample = []
+    for line, cell in texts.items():
+        try:
+            sample.append(float(cell) if "_" not in cell else math.nan)
+        except ValueError:
+            sample.append(math.nan)
+        if not math.isfinite(sample[-1]):
+            raise UserError(f"{path}: line {line}, column '{column}': {cell!r} is no number; mend or remove the line")
+    if len(sample) < 2:
+        raise UserError(f"{path}: column '{column}' has {len(sample)} numbers; a sample needs at least 2")
+    return sample
 
 
 def _fitted(kind: str, shares: Any, values: Any, ends: tuple[float, float], where: str) -> Marginal:

@@ -1,4 +1,4 @@
-"""Posterior of an identification as the factors of a design: what recordings leave open of the parameters."""
+"""Posterior as the factors of a design: what recordings leave open of the parameters, by a fit or by a sample."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from harness.common.errors import UserError
 from harness.common.files import read_text
 from harness.config.bounds import out_of_bounds
 from harness.config.design_tables import DesignTable, DistributionTable, FactorTable
+from harness.config.distributions import cells, numbers
 from harness.config.problems import Problems
 from harness.config.specs import ModelSpec
 from harness.models.assembly.model import StateSpaceModel
@@ -30,39 +31,64 @@ _LARGEST = 1.0 - 1e-9
 
 @dataclass(frozen=True)
 class Posterior:
-    """What an identification leaves open: a normal distribution of its estimates (Laplace's approximation).
+    """What data leave open of parameters: the distribution of each, and the correlation of their normal scores.
 
     Attributes:
         file: Where it stands.
         names: Parameters.
-        values: Their estimates, SI.
-        errors: Their standard errors, with what coloured innovations add; NaN where nothing is known.
-        correlation: Of the estimates ``(n, n)``.
+        values: Their means, SI.
+        distributions: ``None`` of a parameter of which no error is known.
+        correlation: ``(n, n)``.
     """
 
     file: Path
     names: tuple[str, ...]
     values: Floats
-    errors: Floats
+    distributions: tuple[DistributionTable | None, ...]
     correlation: Floats
 
 
 def read_posterior(name: str, folder: Path, where: str) -> Posterior:
-    """Return the posterior that a result folder of ``harness identify`` or ``trace`` holds, without that of noise.
+    """Return the posterior that a result folder of ``harness identify`` or ``trace`` or a sample in a CSV file holds.
 
     Args:
-        name: The folder, beside a study or in the working directory.
+        name: Folder or file, beside a study or in the working directory.
         folder: Of the study.
         where: Key path, for errors.
 
     Raises:
         UserError: If it holds none.
     """
-    path = next((p for top in (folder, Path()) for file in FILES if (p := top / name / file).is_file()), None)
+    is_sample = name.lower().endswith(".csv")
+    files = ("",) if is_sample else FILES
+    path = next((p for top in (folder, Path()) for file in files if (p := top / name / file).is_file()), None)
     if path is None:
-        raise UserError(
-            f"{where}: there is no {' and no '.join(FILES)} in '{name}', beside the study or in the working folder"
-        )
+        lacking = f"no file '{name}'" if is_sample else f"no {' and no '.join(FILES)} in '{name}'"
+        raise UserError(f"{where}: there is {lacking}, beside the study or in the working folder")
+    return _of_sample(path) if is_sample else _of_fit(path, where)
+
+
+def _of_sample(path: Path) -> Posterior:
+    """Return that of a table with a row for each vehicle and a column for each parameter, in SI units.
+
+    Dependence is that of a Gaussian copula with the correlation of the normal scores of the ranks (van der Waerden).
+    """
+    from scipy.special import ndtri
+    from scipy.stats import rankdata
+
+    columns = {name: numbers(path, name, texts) for name, texts in cells(path).items()}
+    if not columns:
+        raise UserError(f"{path}: is empty; write a column for each parameter and a row for each vehicle")
+    if constant := [name for name, values in columns.items() if len(set(values)) < 2]:
+        raise UserError(f"{path}: column '{constant[0]}' has one value only; take it out")
+    table = np.array(list(columns.values()))
+    scores = ndtri(rankdata(table, axis=1) / (table.shape[1] + 1))
+    distributions = [DistributionTable(kind="empirical", values=list(values)) for values in columns.values()]
+    return Posterior(path, tuple(columns), table.mean(axis=1), tuple(distributions), np.atleast_2d(np.corrcoef(scores)))
+
+
+def _of_fit(path: Path, where: str) -> Posterior:
+    """Return the normal distribution of the estimates of a fit (Laplace's approximation), without those of noise."""
     try:
         content: Any = json.loads(read_text(path))
         estimates = content["estimates"]
@@ -85,7 +111,9 @@ def read_posterior(name: str, folder: Path, where: str) -> Posterior:
         raise UserError(f"{where}: {path} holds values or correlations that no fit writes; run the command again")
     if not np.allclose(correlation, correlation.T, atol=1e-6) or not np.allclose(np.diag(off), 0.0, atol=1e-6):
         raise UserError(f"{where}: {path} holds correlations that no fit writes; run the command again")
-    return Posterior(path, names, values, errors, correlation)
+    pairs = zip(values.tolist(), errors.tolist(), strict=True)
+    distributions = [DistributionTable(kind="truncated_normal", mean=v, std=e) if e > 0 else None for v, e in pairs]
+    return Posterior(path, names, values, tuple(distributions), correlation)
 
 
 def with_posterior(raw: DesignTable, key: str, plant: ModelSpec, folder: Path, problems: Problems) -> DesignTable:
@@ -115,10 +143,10 @@ def with_posterior(raw: DesignTable, key: str, plant: ModelSpec, folder: Path, p
     drawn = [i for i, n in enumerate(posterior.names) if n not in own and not _of_no_sensor(n, model)]
     unknown = [posterior.names[i] for i in drawn if posterior.names[i] not in model.parameter_names]
     if unknown:
-        sentence = f"the plant has no parameter '{unknown[0]}' of {posterior.file}; take the model of that fit"
+        sentence = f"the plant has no parameter '{unknown[0]}' of {posterior.file}; take the model that it is of"
         problems.add(place, sentence)
         return raw
-    lacking = [posterior.names[i] for i in drawn if not posterior.errors[i] > 0]
+    lacking = [posterior.names[i] for i in drawn if posterior.distributions[i] is None]
     if lacking:
         problems.add(
             place,
@@ -131,15 +159,7 @@ def with_posterior(raw: DesignTable, key: str, plant: ModelSpec, folder: Path, p
         if (wrong := out_of_bounds(declared[posterior.names[i]], float(posterior.values[i]))) is not None:
             problems.add(place, f"{posterior.file}: {wrong}")
             return raw
-    factors = [
-        FactorTable(
-            parameter=posterior.names[i],
-            distribution=DistributionTable(
-                kind="truncated_normal", mean=float(posterior.values[i]), std=float(posterior.errors[i])
-            ),
-        )
-        for i in drawn
-    ]
+    factors = [FactorTable(parameter=posterior.names[i], distribution=posterior.distributions[i]) for i in drawn]
     correlation = [
         (posterior.names[i], posterior.names[j], float(np.clip(posterior.correlation[i, j], -_LARGEST, _LARGEST)))
         for row, i in enumerate(drawn)

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.stats import spearmanr
 
 from harness.api.study import design as api_design
 from harness.common.errors import UserError
@@ -85,6 +86,37 @@ def test_parameters_of_sensors_that_the_plant_does_not_have_play_no_part(study):
     """Those of effects on outputs; a name that ends as some signal does is none."""
     built = study({**ESTIMATES, "sensor_bias_sideslip_angle": (0.0, 0.1)})
     assert [f.parameter for f in built.designs[0].factors] == ["mass", "yaw_inertia"]
+
+
+def test_parameters_are_drawn_as_a_sample_has_them(study, tmp_path):
+    rng = np.random.default_rng(0)
+    mass = 1500.0 + 200.0 * rng.beta(2, 5, 300)
+    rows = np.column_stack([mass, 1.4 * mass + rng.normal(0, 15, 300)])
+    lines = ["mass,yaw_inertia", *(f"{a!r},{b!r}" for a, b in rows.tolist())]
+    (tmp_path / "sample.csv").write_text("\n".join(lines) + "\n")
+    built = study(posterior="sample.csv")
+    drawn = points(built, built.designs[0]).values.reshape(-1, 2)
+    assert set(drawn[:, 0]) <= set(rows[:, 0])
+    np.testing.assert_allclose(np.quantile(drawn, [0.1, 0.9], axis=0), np.quantile(rows, [0.1, 0.9], axis=0), rtol=2e-3)
+    ranks = [spearmanr(*table.T)[0] for table in (drawn, rows)]
+    assert ranks[0] == pytest.approx(ranks[1], abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "sample.csv: is empty"),
+        ("mass,mess\n1600,1\n1700,2\n", "no parameter 'mess'"),
+        ("mass\n1600\nheavy\n", "line 3, column 'mass': 'heavy' is no number"),
+        ("mass,mass\n1600,1\n1700,2\n", "two columns are called 'mass'"),
+        ("mass\n1600\n1600\n", "column 'mass' has one value only"),
+        ("mass\n1600\n-1700\n", "mass"),
+    ],
+)
+def test_a_sample_that_is_none_is_refused_in_words(study, tmp_path, text, said):
+    (tmp_path / "sample.csv").write_text(text)
+    with pytest.raises(UserError, match=said):
+        study(posterior="sample.csv")
 
 
 def test_python_states_it_as_a_file_does(study):
