@@ -35,6 +35,8 @@ if TYPE_CHECKING:
     from harness.api.identification import identify as identify
     from harness.api.model import Model as Model
     from harness.api.model import model as model
+    from harness.api.monitor import TrustMonitor as TrustMonitor
+    from harness.api.monitor import count_monitor as count_monitor
     from harness.api.realtime import RealTime as RealTime
     from harness.api.realtime import time_steps as time_steps
     from harness.api.recordings import Check as Check
@@ -69,6 +71,7 @@ _PLACES = {
     "harness.api.export": ("ExportedEstimator", "ExportedPlant", "export_estimator", "export_plant"),
     "harness.api.identification": ("Identification", "identify"),
     "harness.api.model": ("Model", "model"),
+    "harness.api.monitor": ("TrustMonitor", "count_monitor"),
     "harness.api.realtime": ("RealTime", "time_steps"),
     "harness.api.recordings": ("Check", "check", "observability", "read_recording", "simulate"),
     "harness.api.remedy": ("Remedies", "try_remedies"),

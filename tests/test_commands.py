@@ -20,6 +20,7 @@ WORK = (
     "reproductions.campaign.report.write_campaign", "harness.api.results.open_results", "harness.study.report.analyse",
     "harness.study.tune.tune", "harness.study.worst_case.tune_for_worst_case", "harness.remedy.run.try_remedies",
     "harness.experiment.run.design_drives",
+    "harness.remedy.monitor.run.count_monitor",
     "harness.identification.fit_recordings.Innovations", "harness.diagnosis.run.run_trace",
     "harness.diagnosis.measured_study.trace_study", "harness.simulation.simulate.simulate_drive",
     "harness.cli.observability_report.report", "harness.recorded.run.RecordedModel", "harness.view.pages.pages",

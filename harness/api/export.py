@@ -23,6 +23,7 @@ def export_estimator(
     drive: str | None = None,
     duration: float | str = "20 s",
     fmi: Literal[2, 3] | None = None,
+    monitor: str | Path | None = None,
 ) -> ExportedEstimator:
     """Print an estimator of a study as C99, from the kernels that the study runs.
 
@@ -36,6 +37,7 @@ def export_estimator(
         drive: Name of the drive of the recorded run that comes with it; the first of the study by default.
         duration: How much of it is recorded, in s or text with a unit.
         fmi: Version of FMI of an FMU for co-simulation beside the C; none by default.
+        monitor: File of its trust monitor, which ``harness.count_monitor`` writes; it is printed beside it.
 
     Returns:
         The files.
@@ -65,9 +67,9 @@ def export_estimator(
     from harness.realtime.export.run import believing, export
 
     spec = study.spec if parameters is None else believing(study.spec, Path(parameters))
-    seconds = to_si(duration, "s", "duration")
+    seconds, watched = to_si(duration, "s", "duration"), None if monitor is None else Path(monitor)
     with showing(Console(stderr=True), "exporting") as show:
-        made = export(spec, estimator, precision, name, (drive, seconds), show)
+        made = export(spec, estimator, precision, name, (drive, seconds), show, watched)
     component = (
         None if fmi is None else of_estimator(made.export, made.estimator.has_covariance, made.inputs[0].tolist())
     )

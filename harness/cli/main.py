@@ -25,6 +25,7 @@ from rich.text import Text
 from harness.cli.export import export
 from harness.cli.guard import answered, guarded, place_of_output, show_tracebacks
 from harness.cli.models import observability, simulate
+from harness.cli.monitor import monitor
 from harness.cli.new import new
 from harness.cli.next_drive import next_drive
 from harness.cli.options import HERE, MOST, RESULTS, DatabaseOption, agree_to, place, study_path
@@ -414,6 +415,7 @@ _command()(_answers_errors(realtime))
 _command()(_answers_errors(remedy))
 _command()(_answers_errors(next_drive))
 _command()(_answers_errors(export))
+_command()(_answers_errors(monitor))
 _command()(_answers_errors(new))
 _command()(_answers_errors(verify))
 _command()(_answers_errors(status))

@@ -18,6 +18,7 @@ RESULTS = {
     "realtime": "times.zarr",
     "remedy": "as-it-is/scores.zarr",
     "next-drive": "next_drive.json",
+    "monitor": "monitor.toml",
     "campaign": "",
 }
 """Commands that write ``report.html`` into their ``--out``, and what tells their result; nothing tells a campaign."""

@@ -204,11 +204,20 @@ def promises(
         except UserError as error:
             impossible[remedy.words] = str(error)
             continue
-        promised[equipment] = Promise(_remaining(changed, drivers), _smallest(changed))
+        promised[equipment] = Promise(remaining_shares(changed, drivers), _smallest(changed))
     return promised, impossible
 
 
-def _remaining(study: StudySpec, drivers: Sequence[str]) -> Floats:
+def remaining_shares(study: StudySpec, drivers: Sequence[str]) -> Floats:
+    """Return the share of the first deviation that is left of each parameter at best after each drive.
+
+    Args:
+        study: Its belief has the parameters among its states.
+        drivers: The parameters.
+
+    Returns:
+        ``(drive, parameter)``.
+    """
     first = {s.name: s.prior for s in study.belief.parameter_states}
     rows = []
     for drive in study.drives:

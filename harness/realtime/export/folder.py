@@ -19,7 +19,12 @@ TOLERANCE = {"double": "1e-9", "float": "1e-2"}
 
 
 def contents(
-    export: Export, has_covariance: bool, inputs: Floats, measurements: Floats, history: History
+    export: Export,
+    has_covariance: bool,
+    inputs: Floats,
+    measurements: Floats,
+    history: History,
+    trust: Floats | None = None,
 ) -> dict[str, str]:
     """Return the files of an exported estimator by name.
 
@@ -29,6 +34,7 @@ def contents(
         inputs: Of a recorded run ``(samples, nu)``.
         measurements: Of that run ``(samples, ny)``.
         history: What the harness estimated in it.
+        trust: Levels and reasons of the monitor in it ``(samples, 2)``, if there is one.
     """
     name = export.name
     return {
@@ -37,7 +43,7 @@ def contents(
         f"harness_{name}.c": "\n".join(wrapped(adapter(export))) + "\n",
         HEADER.name: HEADER.read_text(encoding="utf-8"),
         "main.c": "\n".join(wrapped(_main(export))) + "\n",
-        "replay.csv": _replay(export, has_covariance, inputs, measurements, history),
+        "replay.csv": _replay(export, has_covariance, inputs, measurements, history, trust),
         "estimator.toml": study_table(export, has_covariance),
         "Makefile": _filled("Makefile", export),
         "CMakeLists.txt": _filled("CMakeLists.txt", export),
@@ -56,7 +62,8 @@ def _filled(template: str, export: Export, **more: str) -> str:
 def results_of(export: Export) -> list[str]:
     """Return the names of what a step says."""
     estimates = [q.name for q in export.interface.estimates]
-    return [*(f"estimate_{n}" for n in estimates), *(f"deviation_{n}" for n in estimates), "nis"]
+    trust = [] if export.monitor is None else ["trust", "reasons"]
+    return [*(f"estimate_{n}" for n in estimates), *(f"deviation_{n}" for n in estimates), "nis", *trust]
 
 
 def _quoted(names: Sequence[str]) -> str:
@@ -86,10 +93,12 @@ def _main(export: Export) -> str:
         *(f"    told[{count + i}] = (double) outcome.deviation.{q.field};" for i, q in enumerate(face.estimates)),
         f"    told[{2 * count}] = outcome.used > 0 ? (double) outcome.nis : (double) NAN;",
     ]
+    if export.monitor is not None:
+        step += [f"    told[{2 * count + 1 + i}] = (double) outcome.{n};" for i, n in enumerate(("trust", "reasons"))]
     given = [q.name for q in (*face.inputs, *face.measurements)]
     return _filled(
         "main.c", export, GIVEN=_quoted(given), RESULTS=_quoted(results_of(export)), TAKE="\n".join(step),
-        TOLERANCE=TOLERANCE[export.precision],
+        TOLERANCE=TOLERANCE[export.precision], COUNT=str(len(results_of(export))),
     )  # fmt: skip
 
 
@@ -149,13 +158,21 @@ def study_table(export: Export, has_covariance: bool) -> str:
     return toml_text({"estimator": [table]})
 
 
-def _replay(export: Export, has_covariance: bool, inputs: Floats, measurements: Floats, history: History) -> str:
+def _replay(
+    export: Export,
+    has_covariance: bool,
+    inputs: Floats,
+    measurements: Floats,
+    history: History,
+    trust: Floats | None,
+) -> str:
     """Return the CSV of a recorded run, to the last digit."""
     face = export.interface
     time = export.step * np.arange(len(inputs))
     names = ["time", *(q.name for q in (*face.inputs, *face.measurements)), *results_of(export)]
     nis = np.where(history.facts[:, 1] > 0, history.facts[:, 0], np.nan)
     table = np.column_stack([time, inputs, measurements, history.estimate, history.deviation, nis])
+    table = table if trust is None else np.column_stack([table, trust])
     if not has_covariance:
         names = names[: 1 + inputs.shape[1] + measurements.shape[1] + history.estimate.shape[1]]
     lines = (",".join(map(repr, row)) for row in table[:, : len(names)].tolist())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from types import FunctionType
 from typing import Any, Literal
@@ -19,6 +20,8 @@ from harness.engine.kernel_names import Belief, Info, State
 from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.estimation.contract import kernels_of, load_estimator
 from harness.realtime.export import kernels
+from harness.runner import monitor
+from harness.runner.monitor import Bounds
 
 Precision = Literal["double", "float"]
 
@@ -44,7 +47,8 @@ class Library:
 
     Attributes:
         source: Tables and functions of its kernels.
-        begin, take, tell: Statements of ``begin_exported``, ``step_exported`` and ``tell_of_exported``.
+        begin, take, tell: Statements of ``begin_exported``, ``step_exported`` and ``tell_of_exported``, and those of a
+            monitor.
         members: What it holds.
         digest: Of all that, whatever the precision.
     """
@@ -75,12 +79,16 @@ class MemoryLayout:
         return self.array(f"work_{len(self.members)}", shape, "scratch of a step")
 
 
-def library_of(name: str, estimator: CompiledEstimator) -> Library:
+def library_of(
+    name: str, estimator: CompiledEstimator, bounds: Bounds | None = None, parameters: Sequence[float] = ()
+) -> Library:
     """Return an estimator in C.
 
     Args:
         name: Named in errors.
         estimator: The estimator.
+        bounds: Of a monitor beside it; none by default.
+        parameters: That the study of the monitor believed.
 
     Raises:
         UserError: If it cannot be printed.
@@ -93,6 +101,7 @@ def library_of(name: str, estimator: CompiledEstimator) -> Library:
         raise UserError(f"{title}: effects of its model may be absent; state one with those that are there")
     file = load_estimator(kind)
     functions = [file.workspace, kernels.begin_exported, kernels.step_exported, kernels.tell_of_exported]
+    functions += [] if bounds is None else [monitor.begin_watch, monitor.compare_parameters, monitor.watch]
     given = kernels_of(file, compiled.model)
     module = load_source(f"export_{kind}", paste(compiled, f"export of {kind}", functions, given))
     program, memory = Program(title), MemoryLayout()
@@ -137,6 +146,15 @@ def library_of(name: str, estimator: CompiledEstimator) -> Library:
     beyond = memory.array("outside", (1, 1), "1 where the state is beyond its limits or no number")
     limits = program.table("limits", estimator.limits)
     _, tell = program.statements(function(kernels.tell_of_exported), [state, u, belief, limits, room, told, beyond])
+    if bounds is not None:
+        watched = memory.array("watched", (monitor.size_of_monitor(nu, ny), 1), "averages and more of the monitor")
+        trust = memory.array("trust", (3, 1), "level, reasons, and largest statistic over its bound")
+        limits_of = Parts(tuple(program.table(f"monitor_{n}", b) for n, b in bounds._asdict().items()), Bounds._fields)
+        believed = program.table("believed", np.array(parameters, dtype=float))
+        begin += program.statements(function(monitor.begin_watch), [watched])[1]
+        begin += program.statements(function(monitor.compare_parameters), [p, believed, watched])[1]
+        arguments: list[v.Value] = [u, y, info, room.parts[0], beyond, limits_of, watched, trust]
+        tell += program.statements(function(monitor.watch), arguments)[1]
     source = "\n\n".join(program.needed([*begin, *take, *tell]))
     digest = hashlib.sha256("\n".join([source, *begin, *take, *tell]).encode()).hexdigest()
     return Library(source, begin, take, tell, memory.members, digest)

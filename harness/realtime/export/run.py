@@ -21,9 +21,11 @@ from harness.estimation.contract import load_estimator
 from harness.realtime.export import folder
 from harness.realtime.export.interface import interface_of, name_in_c
 from harness.realtime.export.library import Precision, library_of
+from harness.realtime.export.monitor import read_monitor
 from harness.realtime.export.source import Export
 from harness.runner.contract import History
 from harness.runner.history import EverySample
+from harness.runner.monitor import Watching
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
 from harness.study.run_noise import Case
@@ -105,6 +107,7 @@ def export(
     name: str | None = None,
     recorded: tuple[str | None, float] = (None, 20.0),
     say: Callable[[str], None] = lambda _: None,
+    monitor: Path | None = None,
 ) -> Exported:
     """Return an estimator of a study as C.
 
@@ -116,9 +119,10 @@ def export(
         recorded: Name of the drive of the recorded run, the first by default, and s of it, or the whole if it is
             shorter.
         say: Told what is going on.
+        monitor: File of its trust monitor, printed beside it.
 
     Raises:
-        UserError: If there is no such estimator or drive, or it cannot be printed.
+        UserError: If there is no such estimator, drive or monitor, or it cannot be printed.
     """
     spec, duration = chosen(study, estimator), recorded[1]
     whole = name_in_c(name, f"{study.name}_{spec.name}")
@@ -135,8 +139,7 @@ def export(
     evaluator = StudyEvaluator(alone)
     compiled, made = evaluator.compiled, evaluator.compiled.estimators[0]
     assert isinstance(made, CompiledEstimator)
-    say("printing the kernels")
-    library = library_of(spec.name, made)
+    watch = None if monitor is None else read_monitor(monitor, study.hash, spec.name, made)
     unit, cases = Unit(0, 0, 0, 0, 1), [Case(0, 0)]
     there = len(compiled.drives[0].profile.time)
     samples = int(min(duration / study.belief.step + 1.5, there))
@@ -145,37 +148,37 @@ def export(
     inputs, believed = evaluator.inputs(0, 0, batch, held), evaluator.believed_by(0, unit, cases, held)
     measurements = compiled.measured(batch.measurements)
     history = made.run(inputs, measurements, believed, EverySample(of_signals=True))
-    assert believed.first_variance is not None
-    variances = {
-        "process_noise": believed.process_noise,
-        "measurement_noise": believed.measurement_noise,
-        "first": believed.first,
-        "first_variance": believed.first_variance,
-    }
-    untuned = {
-        "process_noise": held.process_noise,
-        "measurement_noise": held.measurement_noise,
-        "first_variance": compiled.first_variance(held.process_noise),
-    }
+    values = believed.values[:, 0].tolist()
+    say("printing the kernels")
+    library = library_of(spec.name, made, None if watch is None else watch.bounds, values)
+    untuned = dataclasses.replace(held, first_variance=compiled.first_variance(held.process_noise))
     settings = ", ".join(f"{key} = {value}" for key, value in spec.settings.items())
     export = Export(
         whole,
         " ".join(f"Estimator '{spec.name}' ({spec.kind}) of study '{study.name}'".split()).replace("*/", "* /"),
         library,
-        interface_of(compiled.belief, believed.values[:, 0].tolist()),
+        interface_of(compiled.belief, values),
         precision,
         study.belief.step,
-        {group: values[:, 0].tolist() for group, values in variances.items()},
-        {group: _ratio(variances[group][:, 0], values[:, 0]) for group, values in untuned.items()},
+        {group: getattr(believed, group)[:, 0].tolist() for group in (*_VARIANCES, "first")},
+        {group: _ratio(*(getattr(each, group)[:, 0] for each in (believed, untuned))) for group in _VARIANCES},
         study.hash,
         f"Settings: {settings or 'none'}.",
+        watch,
     )
     y = measurements[..., 0].copy()
     y[0] = np.nan
-    files = folder.contents(export, made.has_covariance, inputs.at[..., 0], y, history)
+    trust = None
+    if watch is not None:
+        trust = made.run(inputs, measurements, believed, Watching(watch.bounds)).told[:, :2, 0]
+    files = folder.contents(export, made.has_covariance, inputs.at[..., 0], y, history, trust)
     length = f"{(samples - 1) * study.belief.step:g} s of drive '{driven.name}'"
     whole_drive = ", which is no longer" if duration > (there - 1) * study.belief.step else ""
     return Exported(export, files, made, inputs.at[..., 0], history, f"{length}{whole_drive}")
+
+
+_VARIANCES = ("process_noise", "measurement_noise", "first_variance")
+"""Of what is believed, that which tuning changes."""
 
 
 def _drive(study: StudySpec, drive: str | None, duration: float) -> DriveSpec:

@@ -11,6 +11,8 @@ from importlib.metadata import version
 from harness.engine.c99.program import in_single_precision
 from harness.realtime.export.interface import Interface, Quantity
 from harness.realtime.export.library import Library, Member, Precision
+from harness.realtime.export.monitor import Monitor
+from harness.runner.monitor import CONTRADICTED, REASON_NAMES, REASONS, TRUSTED, UNPROVEN
 
 WIDTH = 112
 
@@ -30,6 +32,7 @@ class Export:
         factors: By which noise and first variances differ from those of the study's belief, because it is tuned.
         study: Digest of the study.
         settings: Of the estimator, in words.
+        monitor: Beside it, if there is one.
     """
 
     name: str
@@ -42,6 +45,7 @@ class Export:
     factors: dict[str, Sequence[float]]
     study: str
     settings: str
+    monitor: Monitor | None = None
 
     @property
     def memory(self) -> int:
@@ -113,7 +117,8 @@ def header(export: Export) -> str:
         structure(f"{name}_measurements", face.measurements, number, "What is measured at a sample; NaN is missing.",
                    "there is no measurement"),
         structure(f"{name}_signals", face.estimates, number, "What is estimated.", "nothing is estimated"),
-        _outcome(name, number),
+        *([] if export.monitor is None else [_trust(upper, export.monitor)]),
+        _outcome(name, number, export.monitor is not None),
         _belief(export, number),
         _memory(name, number, export.library.members),
         _functions(name),
@@ -128,7 +133,31 @@ def _places(upper: str, states: Sequence[Quantity]) -> str:
     return "\n".join([comment("Places of the states in mean and covariance."), "enum {", *lines, "};"])
 
 
-def _outcome(name: str, number: str) -> str:
+def _trust(upper: str, monitor: Monitor) -> str:
+    """Return levels of trust and their reasons, and how often the monitor was right."""
+    of_level = {
+        "TRUSTED": (TRUSTED, "all as in the runs in which the study kept its limits"),
+        "UNPROVEN": (UNPROVEN, "outside of what was studied: nothing says that it is wrong, nor that it is right"),
+        "CONTRADICTED": (CONTRADICTED, "the innovations are not those of the vehicle that is believed"),
+    }
+    levels = [f"    {upper}_{name} = {level}, /* {meaning} */" for name, (level, meaning) in of_level.items()]
+    names = zip(REASON_NAMES, REASONS.items(), strict=True)
+    reasons = [f"    {upper}_{name} = {bit}, /* {meaning} */" for name, (bit, meaning) in names]
+    reasons[-1] = reasons[-1].replace(", /*", " /*", 1)
+    levels[-1] = levels[-1].replace(", /*", " /*", 1)
+    return "\n".join([
+        comment("Whether the estimate is to be trusted, counted in the study of this estimator: " +
+                 " ".join(monitor.says).replace("*/", "* /")), "enum {", *levels, "};\n",
+        comment("Why it is not; bits that may come together."), "enum {", *reasons, "};",
+    ])  # fmt: skip
+
+
+def _outcome(name: str, number: str, watched: bool) -> str:
+    outside = "whether the state is beyond what the equations hold for, or no number: begin anew"
+    trust = f"""
+    int trust; /* level: 0, 1 or 2 */
+    int reasons; /* bits */
+    {number} evidence; /* largest statistic of the innovations over its bound; above 1 the level is 2 */"""
     return f"""/* What a step says. */
 typedef struct {{
     {name}_signals value;
@@ -137,7 +166,7 @@ typedef struct {{
     {number} log_likelihood; /* of the measurements of the sample */
     {number} used; /* measurements that were there */
     {number} repaired; /* 1 where a factor of a covariance had to be repaired, else 0 */
-    bool outside; /* whether the state is beyond what the equations hold for, or no number: begin anew */
+    bool outside; /* {outside} */{trust if watched else ""}
 }} {name}_outcome;"""
 
 
@@ -315,7 +344,11 @@ def _step(export: Export) -> str:
         ("repaired", "repairs"),
     ):
         lines.append(f"    outcome->{field} = e->{member}[0];")
-    return "\n".join([*lines, "    outcome->outside = e->outside[0] > 0.0;", "}"])
+    lines.append("    outcome->outside = e->outside[0] > 0.0;")
+    if export.monitor is not None:
+        lines += [f"    outcome->{field} = (int) e->trust[{i}];" for i, field in enumerate(("trust", "reasons"))]
+        lines.append("    outcome->evidence = e->trust[2];")
+    return "\n".join([*lines, "}"])
 
 
 def wrapped(text: str) -> Iterator[str]:

@@ -165,6 +165,7 @@ def of_estimator(export: Export, has_covariance: bool, first: Sequence[float]) -
     told += [(_NIS, "nis"), (_LIKELIHOOD, "log_likelihood")]
     told = told if has_covariance else told[: len(face.estimates)]
     told += [(_USED, "used"), (_OUTSIDE, "outside")]
+    told += [] if export.monitor is None else [(v, v.name) for v in _WATCHED]
     begin = len(known) + len(measured) + len(valid)
     variables = _distinct([*known, *measured, *valid, *believed, *(v for v, _ in told)])
     functions = _OF_ESTIMATOR.format(
@@ -188,6 +189,12 @@ _LIKELIHOOD = ModelVariable("log_likelihood", "output", "of the measurements of 
 _USED = ModelVariable("used", "output", "measurements used at this sample", type="integer")
 _OUTSIDE = ModelVariable(
     "outside", "output", "the state is beyond what the equations hold for, or no number", type="boolean"
+)
+
+_WATCHED = (
+    ModelVariable("trust", "output", "level of the trust monitor: 0, 1 or 2", type="integer"),
+    ModelVariable("reasons", "output", "of the trust monitor: bits, named in the header", type="integer"),
+    ModelVariable("evidence", "output", "largest statistic of the innovations over its bound; above 1 trust is 2"),
 )
 
 

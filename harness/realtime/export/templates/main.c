@@ -16,7 +16,7 @@
 
 #define INPUTS @UPPER@_INPUTS
 #define GIVEN (@UPPER@_INPUTS + @UPPER@_MEASUREMENTS)
-#define RESULTS (2 * @UPPER@_ESTIMATES + 1)
+#define RESULTS @COUNT@
 #define MOST 1000 /* columns of a file */
 
 static const char *const given[] = {@GIVEN@};

@@ -1,0 +1,110 @@
+"""What came of a trust monitor, in sentences for report, header and command line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from harness.models.quantities import listed, quantity, words
+from harness.remedy.monitor.counts import per_hour
+from harness.remedy.monitor.outcome import OFTEN, Counted, Level
+from harness.remedy.monitor.sensors import LITTLE, Told
+from harness.reporting.style import number, percent
+
+
+def sentences(counted: Counted) -> list[str]:
+    """Return how often the monitor is right: alarms as believed, levels with errors, and what is not seen."""
+    lines = [_false_alarms(counted)]
+    for t in range(len(counted.targets)):
+        lines += _detections(counted, t)
+    return [*lines, *_blind(counted)]
+
+
+def _false_alarms(counted: Counted) -> str:
+    if not counted.kept:
+        return "No run as believed that its bounds are not from keeps the limits: its false alarms are not known."
+    rate, alarms, hours = per_hour(counted.kept[0], counted.monitor.step)
+    return (
+        f"Where all is as believed and the limits are kept the monitor gives {number(rate.value, 2)} alarms an hour "
+        f"({number(rate.lower, 2)} to {number(rate.upper, 2)}; {alarms} in {number(hours)} h that its bounds are not "
+        f"from), for {counted.asked.per_hour:g} allowed."
+    )
+
+
+def speaks(level: Level, t: int) -> bool:
+    """Whether there are errors of a target at a level that are worth a word."""
+    return level.counts[t].wrong_share >= OFTEN
+
+
+def limit_of(counted: Counted, t: int) -> str:
+    """Write the error of a target that matters."""
+    shown = quantity(counted.targets[t])
+    value = f"{counted.asked.limits[counted.targets[t]] * shown.scale:.4g}"
+    return f"{value}{'' if shown.unit in ('°', '') else ' '}{shown.unit}"
+
+
+def beyond(counted: Counted, t: int) -> str:
+    """Say that a target is wrong."""
+    return f"the {quantity(counted.targets[t]).words} is wrong by more than {limit_of(counted, t)}"
+
+
+def _detections(counted: Counted, t: int) -> list[str]:
+    """Say of a target what the monitor says at the worst level, and in short at the others."""
+    levels = [level for level in counted.levels if speaks(level, t)]
+    if not levels:
+        return [f"At no level {beyond(counted, t)} in {percent(OFTEN)} of the samples."]
+    first = max(levels, key=lambda level: level.counts[t].wrong_share)
+    counts, within = first.counts[t], f"{counted.asked.within:g} s"
+    kept = f", {share(counted.kept[t].false_share)} in runs that keep the limits" if counted.kept else ""
+    text = (
+        f"At {first.label} {beyond(counted, t)} in {percent(counts.wrong_share)} of the samples; the monitor says so "
+        f"in {share(counts.said_share)} of these within {within}, and in {share(counted.believed[t].false_share)} of "
+        f"those without such an error where all is as believed{kept}."
+    )
+    others = [
+        f"{level.label} {percent(level.counts[t].wrong_share)}, {share(level.counts[t].said_share)}"
+        for level in levels
+        if level is not first
+    ]
+    return [text, f"Likewise wrong, and said of these: {'; '.join(others)}."] if others else [text]
+
+
+def _blind(counted: Counted) -> Iterator[str]:
+    """Say where the innovations do not show an error, and which sensor could."""
+    for t in range(len(counted.targets)):
+        levels = [level for level in counted.levels if level.is_blind(t)]
+        if not levels:
+            continue
+        names = listed(list(dict.fromkeys(level.label for level in levels)))
+        largest = max(level.areas[t].value for level in levels)
+        yield (
+            f"At {names} the innovations hardly show that {beyond(counted, t)}: they tell a sample in error from one "
+            f"without with an area under the curve of {number(largest, 2)} at most, where 0.5 is guessing."
+        )
+    yield from (_could(each) for each in counted.told)
+
+
+def _could(told: Told) -> str:
+    """Say what measurements tell of a parameter at best."""
+    name, own = words(told.parameter), percent(told.own)
+    others = [f"{what.replace(', ', ' with ')} ({percent(share)})" for what, share in list(told.others.items())[:2]]
+    rest = f"; measured in addition, what could: {listed(others)}" if others else "; no set of sensors does better"
+    if told.own > LITTLE:
+        return (
+            f"No monitor of these innovations can tell the {name}: at the end of a drive at best {own} of its "
+            f"deviation remain unknown to anything that has these measurements (Fisher information){rest}."
+        )
+    return (
+        f"The measurements do tell the {name} (a drive leaves {own} of its deviation at best), but not by the size or "
+        f"the bias of innovations: estimate it, as harness remedy tries{rest if others else ''}."
+    )
+
+
+def answer(counted: Counted) -> str:
+    """Return the result in a few sentences: false alarms, the worst level of each target, and what is not seen."""
+    worst = [_detections(counted, t)[0] for t in range(len(counted.targets))]
+    return " ".join([_false_alarms(counted), *worst, *_blind(counted)])
+
+
+def share(value: float) -> str:
+    """Write a share in percent, a dash where there is none."""
+    return percent(value) if value == value else "–"
