@@ -6,7 +6,8 @@
     python -m bench.export --round-trip mass          # scores of a study by the C, beside those of its own
 
 Studies of the semitrailer, as it is believed to be: with unknown steering and one sensor, with an unknown load and the
-sensors of stability control, and with that load considered. Steps are those of ``harness/realtime/export/steps.py``:
+sensors of stability control, and with that load considered; and of a car whose accelerometer measures the forces of
+tyres, which are not linear in its states. Steps are those of ``harness/realtime/export/steps.py``:
 eight behind each point of a Sobol sequence around a recorded run. Differences are the largest of mean and covariance,
 NIS and likelihood, in standard deviations or relative; beside them what one rounding of the first state changes. Code
 and stack are those of the compiler with -Os for this processor; the stack is the sum over all functions, more than any
@@ -41,11 +42,14 @@ from harness.study.evaluate import StudyEvaluator
 AT_ONCE = 2048
 LIMIT = 1e-12
 SANITIZED = ("-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
-DRIVE = {"name": "sine", "kind": "sine", "speed": "20 m/s", "amplitude": "35 deg", "frequency": "0.2 Hz"}
+DRIVE = {"name": "sine", "kind": "sine", "speed": "20 m/s", "amplitude": "35 deg", "frequency": "0.2 Hz",
+         "lateral_acceleration_limit": "6 m/s^2"}  # fmt: skip
 PLANT = {"vehicle": "semitrailer", "parameters": "ziaukas_2023", "tyre": "magic_formula"}
 BANK = {"trailer_mass": ["16 t", "24 t", "32 t"]}
 OF_STEERING = ("kf", "ekf", "sr_ekf", "ukf", "sr_ukf", "cdkf", "huber_ekf", "student_t_ekf", "adaptive_ekf",
                "innovation_ekf", "h_infinity", "narx")  # fmt: skip
+OF_FORCES = tuple(kind for kind in OF_STEERING if kind not in ("kf", "narx"))
+CAR = {"vehicle": "car", "parameters": "pacejka_2006", "tyre": "magic_formula_61", "sensors": "car_series"}
 STUDIES: dict[str, dict[str, Any]] = {
     "steering": {
         "plant": {**PLANT, "sensors": "series"},
@@ -61,6 +65,11 @@ STUDIES: dict[str, dict[str, Any]] = {
         "plant": {**PLANT, "sensors": "stability_control"},
         "belief": {"considered_parameters": [{"name": "trailer_mass", "prior": "8 t"}]},
         "estimator": [{"kind": "ekf"}],
+    },
+    "forces": {
+        "plant": CAR,
+        "targets": ["lateral_velocity", "sideslip_angle"],
+        "estimator": [{"kind": k} for k in OF_FORCES] + [{"kind": "st_cdkf", "softening": 10}],
     },
 }
 

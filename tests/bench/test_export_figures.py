@@ -6,10 +6,10 @@ from bench import export
 from support.observers import needs_compiler
 
 
-def row(out):
+def row(out, study="steering"):
     """Return the cells behind the names of the only row of a table."""
     lines = [line.split() for line in out.splitlines() if line.strip()]
-    assert lines[-1][:2] == ["steering", "ekf"]
+    assert lines[-1][:2] == [study, "ekf"]
     return lines[-1][2:]
 
 
@@ -38,3 +38,12 @@ def test_single_precision_is_compared_over_a_drive(capsys):
     assert float(memory.replace(",", "")) < 4000
     assert 0 < float(most) < 0.1
     assert (at, left) == ("nan", "no")
+
+
+@needs_compiler
+@pytest.mark.proof
+def test_so_are_those_of_a_car_whose_accelerometer_is_not_linear(capsys):
+    export.main(["--study", "forces", "--estimator", "ekf", "--steps", "800"])
+    *_, first, all_of_eight, _, above, _ = row(capsys.readouterr().out, "forces")
+    assert 0 < float(first) <= float(all_of_eight) < 1e-12
+    assert float(above) == 0.0
