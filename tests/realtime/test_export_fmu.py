@@ -143,6 +143,53 @@ def test_the_c_compiles_without_a_word_and_beside_the_headers_of_the_standard(ve
         subprocess.run([COMPILER, *standard, "-c", f"fmi{version}.c"], cwd=folder, check=True)
 
 
+LIFE = """#include "fmi@.c"
+
+int main(void) {
+    callbacks importer = {0};
+    instance *c;
+    void *state = NULL, *again = NULL;
+    static char octets[sizeof(memory)];
+    if (instantiated(importer, "other") != NULL || (c = instantiated(importer, MODEL_TOKEN)) == NULL) {
+        return 1;
+    }
+    if (enter_initialization(c, 5.0) || exit_initialization(c) || enter_initialization(c, 0.0) != IS_ERROR) {
+        return 2;
+    }
+    for (int k = 0; k < 500; k++) {
+        if (advance(c, 5.0 + k * MODEL_STEP, MODEL_STEP) != IS_OK) {
+            return 3;
+        }
+    }
+    if (place(c, VARIABLES, 'r') || place(c, TIME, 'b') || room(c, TIME, 'r') || *place(c, TIME, 'r') < 9.99) {
+        return 4;
+    }
+    if (kept(c, &c->now, sizeof c->now, &state) || written(c, state, octets, sizeof octets)) {
+        return 5;
+    }
+    if (kept(c, octets, sizeof octets, &again) || restored(c, again) || !kept(c, octets, 3, &again)) {
+        return 6;
+    }
+    free(state);
+    free(again);
+    restart(c);
+    free(c);
+    return 0;
+}
+"""
+
+
+@VERSIONS
+def test_sanitizers_are_silent_over_a_life(version, tmp_path, estimator, plant):
+    flags = ["-std=c99", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    for component in (estimator, plant):
+        folder = tmp_path / component.name
+        write_files(folder, {**sources(component, version), "life.c": LIFE.replace("@", str(version))})
+        files = [name for name in component.files if name.endswith(".c")]
+        subprocess.run([COMPILER, *flags, "life.c", *files, "-o", "life", "-lm"], cwd=folder, check=True)
+        assert subprocess.run(["./life"], cwd=folder, check=False).returncode == 0
+
+
 @VERSIONS
 def test_fmpy_finds_no_fault_and_simulates_what_the_harness_estimated(version, tmp_path, exported, estimator):
     from fmpy.validation import validate_fmu
