@@ -9,6 +9,11 @@ import numpy as np
 
 from harness.common.files import toml_text
 from harness.config import ModelSpec
+from harness.config.design_tables import DesignTable
+from harness.config.designs import resolve_design
+from harness.config.factors import Models
+from harness.config.parameter_set import stated_std
+from harness.config.problems import Problems
 from harness.identification.data import DriveData
 from harness.models.roles import VEHICLES
 
@@ -74,6 +79,29 @@ def posterior_study(
             }
         ],
         "estimator": [{"name": "EKF", "kind": "ekf"}, {"name": "UKF", "kind": "ukf"}],
-        "design": [{"name": "posterior", "sampling": "population", "samples": POINTS, "posterior": "."}],
+        "design": [
+            {"name": "posterior", "sampling": "population", "samples": POINTS, "posterior": "."},
+            *_tolerances(spec, [name for name, _ in errors]),
+        ],
     }
     return toml_text(content, _HEADING.format(STUDY) + (_LACKING.format(lacks) if lacks else ""))
+
+
+def _tolerances(spec: ModelSpec, names: Sequence[str]) -> list[dict[str, Any]]:
+    """Return a design of the same parameters as well as they are known without recordings; none if it is impossible."""
+    std = stated_std(spec)
+    design = {
+        "name": "tolerances",
+        "sampling": "population",
+        "samples": POINTS,
+        "factor": [
+            {
+                "parameter": name,
+                "distribution": {"kind": "truncated_normal", "mean": spec.values[name], "std": std[name]},
+            }
+            for name in names
+        ],
+    }
+    problems = Problems("")
+    table = DesignTable.model_validate(design)
+    return [design] if resolve_design(table, "design", Models(spec, spec), problems) is not None else []

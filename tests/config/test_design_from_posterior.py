@@ -12,6 +12,7 @@ from scipy.stats import spearmanr
 from harness.api.study import design as api_design
 from harness.common.errors import UserError
 from harness.config import build_study, load_study, resolve_single
+from harness.config.parameter_set import stated_std
 from harness.identification.posterior_study import posterior_study
 from harness.study.design import points
 
@@ -155,3 +156,5 @@ def test_a_study_says_where_the_model_lacks_what_it_does_not_vary():
     assert tomllib.loads(lacking) == tomllib.loads(plain)
     assert tomllib.loads(plain)["drive"][0]["speed"] == 20.0
     assert posterior_study(spec, "parameters.toml", [("mass", np.inf)], drives) == ""
+    posterior, tolerances = tomllib.loads(plain)["design"]
+    assert (posterior["posterior"], tolerances["factor"][0]["distribution"]["std"]) == (".", stated_std(spec)["mass"])

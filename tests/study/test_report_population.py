@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -87,3 +88,20 @@ def test_the_report_has_the_section_and_the_answer(folder):
     assert "How often is a limit exceeded?" in page
     assert "First-order Sobol indices of the RMSE" in page
     assert "could not be made" not in page
+
+
+def test_how_much_of_the_error_remains_is_the_ratio_of_the_variances():
+    x = np.random.default_rng(0).normal(size=(1, 1, 8, 64))
+    target = SimpleNamespace(words="lateral velocity", unit="m/s")
+
+    def population(name, size, *factors):
+        design = SimpleNamespace(
+            name=name, factors=[SimpleNamespace(name=f) for f in factors], targets=[target], estimators=["EKF"]
+        )
+        return SimpleNamespace(design=design, rmse=1.0 + size * x, best=lambda _: 0)
+
+    narrow, wide = population("posterior", 0.1, "mass", "friction"), population("tolerances", 0.2, "friction", "mass")
+    (sentence,) = exceedance.narrowed([narrow, population("another", 1.0, "mass"), wide])
+    assert "25 % (25 to 25 %) of the variance" in sentence
+    assert sentence.index("tolerances") < sentence.index("posterior")
+    assert exceedance.narrowed([narrow]) == []

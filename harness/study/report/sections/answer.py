@@ -93,6 +93,7 @@ def _of_the_box(analysis: Analysis) -> list[Block]:
     whole = [f for f in analysis.findings if f.design.sampling == "population" and not f.design.count(PENDING)]
     items += [("How often is a limit exceeded?", " ".join(exceedance.in_short(f.population))) for f in whole]
     items += [("How rare?", " ".join(exceedance.rare(analysis, f.design))) for f in whole]
+    items += [("How much remains?", " ".join(exceedance.narrowed([f.population for f in whole])))]
     items += [("What makes the error vary?", " ".join(shares.in_short(f.population))) for f in whole]
     limits = limits_of(analysis.store.attributes)
     for nested in (d for d in analysis.store.designs if d.sampling == "tolerance" and not d.count(PENDING)):

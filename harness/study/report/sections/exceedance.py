@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter
 
 from harness.common.arrays import Floats
-from harness.common.statistics import Interval
+from harness.common.statistics import Interval, over_replicates
 from harness.models.quantities import capital
 from harness.reporting import style
 from harness.reporting.document import Block, Bullets, Picture, Prose, Sheet, plain, strong
@@ -78,6 +80,34 @@ def rare(analysis: Analysis, design: Design) -> list[str]:
         f"a probability of {event['probability']:.2g}, by subset simulation with {effort}; coefficient of variation "
         f"{percent(event['variation'])}."
     ]
+
+
+def narrowed(populations: Sequence[Population]) -> list[str]:
+    """Say of designs over the same factors how much of the error in the widest one remains in each of the others."""
+    alike: dict[tuple[str, ...], list[Population]] = {}
+    for population in populations:
+        alike.setdefault(tuple(sorted(f.name for f in population.design.factors)), []).append(population)
+    sentences = []
+    for several in alike.values():
+        for t in range(len(several[0].design.targets) if len(several) > 1 else 0):
+            e = several[0].best(t)
+            if all(np.isfinite(p.rmse[t, e]).all() and np.ptp(p.rmse[t, e]) > 0 for p in several):
+                widest, *others = sorted(several, key=lambda p: -float(np.var(p.rmse[t, e])))
+                sentences += [_remains(widest, other, t, e) for other in others]
+    return sentences
+
+
+def _remains(wide: Population, narrow: Population, t: int, e: int) -> str:
+    """Say how much of the variance of an error remains, by the scramblings, which both designs share."""
+    variances = [np.var(p.rmse[t, e], axis=-1) for p in (wide, narrow)]
+    ratio = float(np.log(variances[1].mean() / variances[0].mean()))
+    share = Interval(*np.exp(over_replicates(ratio, np.log(variances[1] / variances[0]) - ratio)))
+    quantity, (before, after) = wide.design.targets[t], [quantile(p.rmse[t, e], 0.95).value for p in (wide, narrow)]
+    return (
+        f"With {wide.design.estimators[e]}, {_share(share)} of the variance of the error of the {quantity.words} in "
+        f"design “{wide.design.name}” remains in “{narrow.design.name}”; the 95 % quantile of the error goes from "
+        f"{number(before)} to {with_unit(after, quantity.unit)}."
+    )
 
 
 def in_words(population: Population) -> list[str]:
