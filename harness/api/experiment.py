@@ -30,7 +30,7 @@ def next_drive(
     """Plan the drives that tell most of what a result left open.
 
     Args:
-        result: Folder of ``harness identify``.
+        result: Folder of ``harness identify`` or ``trace``; of a trace its confusable models are told apart.
         wanted: Parameters that count, or their weights in a combination; those that are not determined by default.
         criterion: ``D``, the volume of their confidence ellipsoid; ``A``, the sum of their variances; ``c``, the
             variance of their combination.

@@ -59,6 +59,10 @@ class Goal(Protocol):
         """Name of the criterion."""
 
     @property
+    def enough(self) -> float:
+        """Value at which nothing is left to be driven for."""
+
+    @property
     def measure(self) -> str:
         """What the exponential of its value is, in words."""
 

@@ -112,7 +112,7 @@ def design(
     ranked = tuple(sorted((t for t in best if t is not None), key=lambda t: t.value))
     sequence = greedy(goal, pool, budget)
     told = total([(t.told, times) for t, times in sequence]) if sequence else None
-    if ranked and not goal.value(told) < ranked[0].value:
+    if ranked and not goal.value(told) < max(ranked[0].value, goal.enough):
         sequence = ((ranked[0], ranked[0].times),)
         told = total([(ranked[0].told, ranked[0].times)])
     return Plan(ranked, sequence, told, goal.value(told), refused, count)
@@ -121,12 +121,15 @@ def design(
 def greedy(goal: Goal, pool: Sequence[Tried], budget: float) -> tuple[tuple[Tried, int], ...]:
     """Return drives of a budget, each time the one with the largest gain per second, with how often each is driven.
 
-    Where nothing has a value yet, the one that has the best value alone begins.
+    They end where nothing is left to be driven for. Where nothing has a value yet, the one with the best value alone
+    begins.
     """
     taken: dict[int, int] = {}
     told: Told | None = None
     spent, value = 0.0, goal.value(None)
-    while fit := [i for i, t in enumerate(pool) if spent + t.rehearsed.seconds <= budget + 1e-9]:
+    while value > goal.enough and (
+        fit := [i for i, t in enumerate(pool) if spent + t.rehearsed.seconds <= budget + 1e-9]
+    ):
         after = [goal.value(total([(pool[i].told, 1), *([(told, 1)] if told else [])])) for i in fit]
         if math.isfinite(value):
             gains = [(value - a) / pool[i].rehearsed.seconds for i, a in zip(fit, after, strict=True)]

@@ -64,7 +64,7 @@ class KeptFit:
         Raises:
             UserError: If the noise of one is not known.
         """
-        return replace(self, spec=_spec(Path(self.spec.parameters), sensors))
+        return replace(self, spec=fitted_spec(Path(self.spec.parameters), sensors))
 
 
 def read_fit(folder: Path) -> KeptFit:
@@ -79,7 +79,7 @@ def read_fit(folder: Path) -> KeptFit:
         raise UserError(
             f"{posterior.file}: the method '{content.get('method')}' states no uncertainty; fit by likelihood"
         )
-    spec = _spec(folder / "parameters.toml", ", ".join(content["drives"][0]["outputs"]))
+    spec = fitted_spec(folder / "parameters.toml", ", ".join(content["drives"][0]["outputs"]))
     estimates = {
         e["name"]: (e["value"], math.inf if e["standard_error"] is None else e["standard_error"], e["verdict"])
         for e in content["estimates"]
@@ -89,7 +89,7 @@ def read_fit(folder: Path) -> KeptFit:
     )
 
 
-def _spec(file: Path, sensors: str) -> ModelSpec:
+def fitted_spec(file: Path, sensors: str) -> ModelSpec:
     """Return the model of a parameter file with sensors."""
     kept = load_set(str(file), Path(), "next-drive")
     table = {"vehicle": kept.vehicle, "parameters": str(file), "sensors": sensors}
@@ -146,6 +146,7 @@ class EstimationGoal:
     """
 
     recorded = 1
+    enough = -math.inf
     measure = "the relative standard error, of several parameters their mean as the criterion takes it"
 
     def __init__(

@@ -18,6 +18,7 @@ from harness.experiment.information import Criterion, EstimationGoal, read_fit
 from harness.experiment.limits import Limits
 from harness.experiment.manoeuvres import Room, chosen
 from harness.experiment.rehearsal import Rehearsal
+from harness.experiment.separation import TRACE, SeparationGoal, read_rivals
 from harness.models.roles import SENSORS
 
 
@@ -101,23 +102,42 @@ def design_drives(task: DesignTask, say: Callable[[str], None] = lambda _: None)
     manoeuvres = chosen(task.manoeuvres)
     if not task.budget > 0:
         raise UserError(f"budget: {task.budget:g} s leaves nothing to drive")
-    fit = read_fit(task.folder)
-    _refuse_undriven(fit.spec, task.folder)
     say("compiling")
-    goal = EstimationGoal(fit, task.wanted, task.criterion, seed=task.seed)
-    rehearsal = Rehearsal(goal.model, fit.spec, goal.versions, goal.recorded, task.limits)
+    goal = _goal(task)
+    spec = goal.model.spec
+    rehearsal = Rehearsal(goal.model, spec, goal.versions, goal.recorded, task.limits)
     jobs = task.jobs or os.cpu_count() or 1
-    room = Room.of(fit.spec, task.limits)
+    room = Room.of(spec, task.limits)
     with threadpool_limits(1):  # threads of the linear algebra would wait for those of the drives
         plan = design(goal, rehearsal, room, manoeuvres, task.budget, task.effort, jobs, task.seed, say)
     if not plan.sequence:
         reasons = "; ".join(f"{name}: {why}" for name, why in plan.refused.items()) or "nothing tells more"
         raise UserError(f"no drive of {task.budget:g} s keeps to the limits ({reasons}); widen them or the budget")
     equipped = []
-    for name in fitting_sensors(fit.spec.vehicle, fit.spec.tyre) if task.sensors else ():
-        say(f"sensors: {name}")
-        equipped.append(_equipped(task, goal, plan, name))
-    return Designed(task, fit.spec, goal, plan, tuple(equipped))
+    if isinstance(goal, EstimationGoal) and task.sensors:
+        for name in fitting_sensors(spec.vehicle, spec.tyre):
+            say(f"sensors: {name}")
+            equipped.append(_equipped(task, goal, plan, name))
+    return Designed(task, spec, goal, plan, tuple(equipped))
+
+
+def _goal(task: DesignTask) -> Goal:
+    """Return what a result has left to be found out.
+
+    Raises:
+        UserError: If its vehicle has no steering wheel, or something is asked for that it has not.
+    """
+    if not (task.folder / TRACE).is_file():
+        fit = read_fit(task.folder)
+        _refuse_undriven(fit.spec, task.folder)
+        return EstimationGoal(fit, task.wanted, task.criterion, seed=task.seed)
+    if task.wanted or task.criterion != "D" or task.sensors:
+        raise UserError(
+            f"{task.folder}: parameters, criterion and sensors are asked of an identification, not of a trace"
+        )
+    spec, rivals, none = read_rivals(task.folder)
+    _refuse_undriven(spec, task.folder)
+    return SeparationGoal(spec, rivals, none)
 
 
 def _refuse_undriven(spec: ModelSpec, folder: Path) -> None:

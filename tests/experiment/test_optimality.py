@@ -31,6 +31,8 @@ def measured_at(degree):
 class Polynomial:
     """The coefficients of a polynomial, of which next to nothing is known."""
 
+    enough = -math.inf
+
     def __init__(self, degree, criterion="D", rows=None):
         self.degree, self.criterion = degree, criterion
         self.rows = list(range(degree + 1)) if rows is None else rows

@@ -8,11 +8,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from harness.common.arrays import Floats
 from harness.common.files import json_text, write_files
 from harness.common.places import inside, remove
 from harness.config.parameter_set import set_text
 from harness.diagnosis.criteria import HORIZONS, MASS
+from harness.diagnosis.fitting import FittedHypothesis, Fitting
 from harness.diagnosis.innovations.disturbance_inputs import place_of
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
@@ -78,7 +81,7 @@ def _search(outcome: Outcome) -> dict[str, Callable[[], Any]]:
         "unnamed": lambda: unmodelled_record(outcome.localisation.unmodelled),
         "rounds": lambda: [_round(r, outputs) for r in trace.rounds],
         "posterior": lambda: _posterior(outcome.posterior),
-        "confusable": lambda: _confusable(outcome.posterior),
+        "confusable": lambda: _confusable(outcome.posterior, trace.fitting),
         "not_excited": lambda: [c.hypothesis.name for c in trace.rounds[0].candidates if not c.score.excited],
     }
 
@@ -230,13 +233,24 @@ def _posterior(posterior: Posterior | None) -> dict[str, Any] | None:
     }
 
 
-def _confusable(posterior: Posterior | None) -> dict[str, Any] | None:
-    """Return the smallest set of models that holds the right one, if one is right, with its mass."""
+def _confusable(posterior: Posterior | None, fitting: Fitting) -> dict[str, Any] | None:
+    """Return the smallest set of models that holds the right one, if one is right, with its mass, each as fitted."""
     if posterior is None:
         return None
     chosen = posterior.confusable()
-    models = [{**_model(m), "share": m.share} for m in chosen]
+    models = [{**_model(m), "share": m.share, **_estimated(m.fitted, fitting)} for m in chosen]
     return {"asked": MASS, "mass": sum(m.share for m in chosen), "models": models}
+
+
+def _estimated(fitted: FittedHypothesis, fitting: Fitting) -> dict[str, Any]:
+    """Return what a fit moved that all drives share: values with standard errors, and their correlation."""
+    errors, correlation = fitting.uncertainty(fitted)
+    shared = [i for i, c in enumerate(fitted.coordinates) if not c.drives]
+    rows = [(c.name, fitted.point.value(c), float(errors[i])) for i in shared for c in [fitted.coordinates[i]]]
+    return {
+        "estimates": [dict(zip(_ESTIMATE, row, strict=True)) for row in rows],
+        "correlation": correlation[np.ix_(shared, shared)].tolist(),
+    }
 
 
 def _model(m: ComparedModel) -> dict[str, Any]:

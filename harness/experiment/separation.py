@@ -1,0 +1,332 @@
+"""Models to be told apart: T-optimality over the confusable set of a trace, and the posterior to be expected.
+
+If one model is right, a rival's filter errs over a planned drive by the whitened innovations that it would have on what
+the right one leaves without noise. What the rival's own parameters can take up, as far as the drives so far leave them
+open, is taken off by Gauss-Newton steps (their tangent space). The rest, squared and summed, is ``d^2``: the log
+likelihood ratio is normal about ``d^2 / 2`` with variance ``d^2`` (Atkinson and Fedorov 1975, for the least squares).
+The probability of a wrong choice is bounded by ``sum sqrt(p_i p_j) exp(-d_ij^2 / 8)`` (Bhattacharyya).
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from harness.common.arrays import Floats
+from harness.common.errors import UserError
+from harness.common.files import read_text
+from harness.config import ModelSpec
+from harness.diagnosis.model.augmented_model import AugmentedModel
+from harness.experiment.contract import Expectation, Told
+from harness.experiment.information import fitted_spec
+from harness.experiment.rehearsal import Rehearsed
+from harness.identification.coordinates import Coordinate, parameter_coordinate
+from harness.identification.data import DriveData
+from harness.identification.filtered_model import Candidates
+from harness.identification.uncertainty import covariance_of
+from harness.models.assembly.candidates import placements
+from harness.models.assembly.placement import load_effect, parameter_at, split
+from harness.models.quantities import words
+from harness.reporting.style import number, probability
+
+TRACE = "trace.json"
+
+STANDS = 0.95
+"""Probability from which a name stands."""
+
+_APART = 4.0
+"""``d^2`` below which two models stay confusable: their likelihoods differ by a factor of seven in the mean."""
+
+_LOST = 1e4
+"""``d^2`` of a rival whose filter diverges over what the right model leaves."""
+
+_REFITS = 2
+"""Gauss-Newton steps of a rival's parameters on each drive, behind which its tangent space is taken."""
+
+_FARTHEST = 1.0
+"""Longest of these steps from the fit, in the coordinates: a factor of e."""
+
+_DRAWS = 2000
+_MOST = 4
+"""Models of the set that are told apart, the likeliest; each is run over what each other leaves."""
+
+_SCALE = 0.1
+"""Coordinate of a parameter that may be negative: its value over this share of its bounds, as in a trace."""
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A model of the confusable set.
+
+    Attributes:
+        name: What it has beyond the nominal model, in words.
+        share: Its probability if one of the set is right.
+        values: By parameter, as fitted.
+        errors: Their standard errors; infinite where the drives say nothing.
+        correlation: Of them ``(n, n)``.
+    """
+
+    name: str
+    share: float
+    values: dict[str, float]
+    errors: Floats
+    correlation: Floats
+
+
+def read_rivals(folder: Path) -> tuple[ModelSpec, tuple[Rival, ...], float]:
+    """Return the nominal model of a trace, its confusable set, the likeliest first, and what is none of these.
+
+    Raises:
+        UserError: If the trace left nothing to be told apart, or an older version wrote it.
+    """
+    file = folder / TRACE
+    try:
+        content: dict[str, Any] = json.loads(read_text(file))
+        models, none = content["confusable"]["models"], float(content["posterior"]["none_of_these"])
+        outputs = list(content["error"])
+        rivals = tuple(_rival(m) for m in sorted(models, key=lambda m: -m["share"])[:_MOST])
+    except (ValueError, KeyError, TypeError) as error:
+        raise UserError(f"{file}: holds no confusable set with estimates; run harness trace again") from error
+    if len(rivals) < 2:
+        raise UserError(f"{file}: the trace left one model, {rivals[0].name}; there is nothing to be told apart")
+    spec = fitted_spec(folder / "nominal.toml", ", ".join(outputs))
+    amended = folder / "amended.toml"
+    if amended.is_file():  # whose noise is not enlarged by what the nominal model lacks
+        better = fitted_spec(amended, ", ".join(outputs))
+        noise = {n: better.process_noise.get(n, v) for n, v in spec.process_noise.items()}
+        spec = replace(spec, process_noise=noise, measurement_noise=better.measurement_noise)
+    return spec, rivals, none
+
+
+def _rival(model: dict[str, Any]) -> Rival:
+    name = " and ".join(words(alike[0]["name"].replace("@", " ")) for alike in model["added"])
+    rows = model["estimates"]
+    errors = [math.inf if e["standard_error"] is None else float(e["standard_error"]) for e in rows]
+    correlation = np.array(model["correlation"], dtype=float).reshape(len(rows), len(rows))
+    values = {e["name"]: float(e["value"]) for e in rows}
+    return Rival(name or "nothing added", float(model["share"]), values, np.array(errors), correlation)
+
+
+class SeparationGoal:
+    """The confusable set of a trace, to be told apart.
+
+    Args:
+        spec: The nominal model.
+        rivals: The models, two or more.
+        none: Probability that none of them is right.
+        jobs: Threads of one evaluation.
+    """
+
+    criterion = "T"
+    enough = math.log(1e-3)
+    measure = "a bound on the probability that a wrong model of the set is named"
+
+    def __init__(self, spec: ModelSpec, rivals: Sequence[Rival], none: float = 0.0, jobs: int = 1) -> None:
+        self.rivals, self.none, self.recorded = tuple(rivals), none, len(rivals)
+        moved = {name for r in rivals for name in r.values}
+        excluded = _not_needed(spec, moved)
+        available = {*spec.model().inputs, *spec.model().outputs}
+        self.model = AugmentedModel(spec, available, jobs, excluded)
+        if lost := sorted(moved - set(self.model.names)):
+            raise UserError(
+                f"the model of the trace has no parameter '{lost[0]}'; plan with the recordings' own signals"
+            )
+        self.shares = np.array([r.share for r in rivals]) / sum(r.share for r in rivals)
+        self.points = tuple(replace(Candidates.of(spec), values=self._values(r)[:, None]) for r in rivals)
+        self.versions = tuple(p.values[:, 0] for p in self.points)
+        self._coordinates = [[self._coordinate(name, value) for name, value in r.values.items()] for r in rivals]
+        self._precisions = [self._precision(*pair) for pair in zip(rivals, self._coordinates, strict=True)]
+        m = range(len(self.rivals))
+        self._emulations = np.array([[self._emulation(i, j) for j in m] for i in m])
+
+    def _values(self, rival: Rival) -> Floats:
+        """Return all parameters of a model; what happened in a drive has happened before the next one."""
+        values = self.model.stated()
+        for name, value in rival.values.items():
+            values[self.model.row(name)] = value
+        for p in self.model.model.parameters:
+            if p.per_drive:
+                values[self.model.row(p.name)] = p.lower
+        return values
+
+    def _precision(self, rival: Rival, coordinates: Sequence[Coordinate]) -> Floats:
+        """Return what the drives so far say of a model's coordinates ``(n, n)``."""
+        errors = rival.errors / np.array([c.slope(c.centre) for c in coordinates])
+        known = np.flatnonzero(np.isfinite(errors) & (errors > 0))
+        precision = np.zeros((len(errors), len(errors)))
+        covariance = rival.correlation[np.ix_(known, known)] * np.outer(errors[known], errors[known])
+        precision[np.ix_(known, known)] = covariance_of(covariance).matrix
+        return precision
+
+    def _coordinate(self, name: str, value: float) -> Coordinate:
+        row = self.model.row(name)
+        p = self.model.model.parameters[row]
+        scale = _SCALE * max(abs(p.lower), abs(p.upper))
+        return parameter_coordinate(p, row, value, scale=scale)
+
+    def _emulation(self, i: int, j: int) -> float:
+        """Return what the drives so far hold against a model with the values of another; infinite if it cannot."""
+        coordinates = self._coordinates[j]
+        rows = [c.rows[0] for c in coordinates]
+        if np.any(np.delete(self.versions[i] - self.versions[j], rows)):
+            return math.inf
+        targets = (max(self.versions[i][row], math.exp(c.lower) if c.logarithmic else -math.inf)
+                   for row, c in zip(rows, coordinates, strict=True))  # fmt: skip
+        moved = np.array([c.coordinate(v) - c.centre for v, c in zip(targets, coordinates, strict=True)])
+        return float(moved @ self._precisions[j] @ moved)
+
+    def told(self, drive: Rehearsed) -> Told:
+        """Return, of each model against what each leaves, squared innovations, their slopes, and information.
+
+        Shapes ``(m, m)``, ``(m, m, n)``, ``(m, m, n, n)``, the right model first.
+        """
+        m, n = len(self.rivals), max(map(len, self._coordinates))
+        squares, slopes, information = np.zeros((m, m)), np.zeros((m, m, n)), np.zeros((m, m, n, n))
+        for i, data in enumerate(drive.data):
+            for j in range(m):
+                squares[i, j], slope, matrix = self._against(data, j)
+                k = len(slope)
+                slopes[i, j, :k], information[i, j, :k, :k] = slope, matrix
+        return squares, slopes, information
+
+    def _against(self, data: DriveData, j: int) -> tuple[float, Floats, Floats]:
+        """Return squared whitened innovations of a model over what another leaves, their slope, and information.
+
+        All are about the model as it is, of a linearisation where its parameters have taken up what they can.
+        """
+        coordinates = self._coordinates[j]
+        moved = np.zeros(len(coordinates))
+        quadratic = _LOST, moved, np.diag(moved)
+        for _ in range(1 + _REFITS):
+            values = self.versions[j].copy()
+            for c, z in zip(coordinates, moved, strict=True):
+                values[c.rows[0]] = c.value(c.centre + z)
+            point = replace(self.points[j], values=values[:, None])
+            run = self.model.run(data, point)
+            if not math.isfinite(run.log_likelihood):
+                break
+            slopes = np.array([c.slope(c.centre + z) for c, z in zip(coordinates, moved, strict=True)])
+            directions = self.model.along([c.name for c in coordinates]) * slopes
+            columns = self.model.sensitivities(data, point.values, directions, run)
+            tangent = columns.reshape(-1, len(coordinates))
+            whitened = np.nan_to_num(run.whitened).ravel() - tangent @ moved
+            slope, information = tangent.T @ whitened, tangent.T @ tangent
+            quadratic = float(whitened @ whitened), slope, information
+            step = -covariance_of(information + self._precisions[j], dropped=True).matrix @ slope
+            moved = np.array([np.clip(c.centre + np.clip(z, -_FARTHEST, _FARTHEST), c.lower, c.upper) - c.centre
+                              for c, z in zip(coordinates, step, strict=True)])  # fmt: skip
+        return quadratic
+
+    def distances(self, told: Told | None) -> tuple[Floats, Floats]:
+        """Return ``d^2`` of each right model against each rival, and what the rival's width costs it ``(m, m)``.
+
+        The latter is the logarithm by which its parameters are known better behind the drives (Laplace).
+        """
+        m = len(self.rivals)
+        if told is None:
+            return np.zeros((m, m)), np.zeros((m, m))
+        distance, width = np.zeros((m, m)), np.zeros((m, m))
+        for j, precision in enumerate(self._precisions):
+            n = len(precision)
+            for i in range(m):
+                squares, slope, information = told[0][i, j], told[1][i, j, :n], told[2][i, j, :n, :n]
+                distance[i, j] = unexplained(squares, slope, information + precision)
+                width[i, j] = 0.5 * _growth(information, precision)
+        np.fill_diagonal(distance, 0.0)
+        return np.minimum(distance, self._emulations), width
+
+    def value(self, told: Told | None) -> float:
+        """Return the logarithm of the bound on the probability of a wrong name."""
+        distance, _ = self.distances(told)
+        both = 0.5 * (distance + distance.T)
+        pairs = np.triu_indices(len(both), 1)
+        weights = np.sqrt(np.outer(self.shares, self.shares))[pairs]
+        return float(np.log(np.sum(weights * np.exp(-both[pairs] / 8.0)) + 1e-300))
+
+    def posterior(self, told: Told | None) -> tuple[Floats, Floats]:
+        """Return, by right model, its expected probability, and the probability that it stands ``(m,)``."""
+        distance, width = self.distances(told)
+        random = np.random.default_rng(0).standard_normal((_DRAWS, len(self.rivals)))
+        expected, stands = np.zeros(len(self.rivals)), np.zeros(len(self.rivals))
+        for i in range(len(self.rivals)):
+            ratio = 0.5 * distance[i] + np.sqrt(distance[i]) * random + (width[i] - width[i, i])
+            ratio[:, i] = 0.0
+            odds = self.shares * np.exp(-np.clip(ratio, -500.0, 500.0))
+            own = odds[:, i] / odds.sum(axis=1)
+            expected[i], stands[i] = own.mean(), np.mean(own >= STANDS)
+        return expected, stands
+
+    def expectation(self, told: Told | None) -> Expectation:
+        """Return the posterior to be expected."""
+        distance, _ = self.distances(told)
+        expected, stands = self.posterior(told)
+        rows = [
+            [r.name, probability(share), probability(e), probability(s), number(float(_least(d, i)))]
+            for i, (r, share, e, s, d) in enumerate(
+                zip(self.rivals, self.shares, expected, stands, distance, strict=True)
+            )
+        ]
+        standing = float(self.shares @ stands)
+        names = [r.name for r in self.rivals]
+        still = [
+            f"{names[i]} and {names[j]} stay confusable: their log likelihood ratio is expected to be "
+            f"{number(0.5 * max(distance[i, j], distance[j, i]))}"
+            for i in range(len(names))
+            for j in range(i)
+            if max(distance[i, j], distance[j, i]) < _APART
+        ]
+        if self.none >= 1.0 - STANDS:
+            still.append(f"with probability {probability(self.none)} none of these is right, and no drive settles that")
+        models = {
+            name: {"share": float(p), "expected": float(e), "stands": float(s), "d2": d.tolist()}
+            for name, p, e, s, d in zip(names, self.shares, expected, stands, distance, strict=True)
+        }
+        return Expectation(
+            words=f"one name stands with {STANDS:.0%} in {probability(standing)} of the cases, if one of "
+            f"{len(names)} is right",
+            open=tuple(still),
+            record={"models": models, "stands": standing},
+            header=["if this is right", "probability now", "expected", "it stands", "least d²"],
+            rows=rows,
+        )
+
+
+def unexplained(squares: float, slope: Floats, information: Floats) -> float:
+    """Return the squares that are left when the parameters have taken up what they can.
+
+    Args:
+        squares: Sum of the squared whitened innovations.
+        slope: Of half of it to the parameters ``(n,)``.
+        information: Fisher information on them, with that of the priors ``(n, n)``.
+    """
+    return max(squares - float(slope @ covariance_of(information, dropped=True).matrix @ slope), 0.0)
+
+
+def _growth(information: Floats, precision: Floats) -> float:
+    """Return by how much the logarithm of the information grows; directions of which nothing was known count not."""
+    known = np.flatnonzero(np.diagonal(precision) > 0.0)
+    before, more = precision[np.ix_(known, known)], information[np.ix_(known, known)]
+    sizes = np.linalg.eigvals(np.eye(len(known)) + covariance_of(before).matrix @ more).real
+    return float(np.log(np.maximum(sizes, 1.0)).sum())
+
+
+def _least(distance: Floats, own: int) -> float:
+    return float(np.delete(distance, own).min())
+
+
+def _not_needed(spec: ModelSpec, moved: set[str]) -> frozenset[str]:
+    """Return the effects of the library whose parameters none of the models moves."""
+    names = placements(spec.vehicle, spec.tyre, spec.sensors)
+    needed = {
+        split(name)[0]
+        for name in names
+        for p in load_effect(name).PARAMETERS
+        if parameter_at(p, split(name)[1] or "").name in moved
+    }
+    return frozenset({split(name)[0] for name in names} - needed)

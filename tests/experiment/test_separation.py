@@ -1,0 +1,107 @@
+"""Models told apart: closed forms of T-optimality, and what drives tell of effects of a car."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from harness.common.errors import UserError
+from harness.config import resolve_single
+from harness.experiment.contract import total
+from harness.experiment.limits import Limits
+from harness.experiment.manoeuvres import Room, chosen
+from harness.experiment.rehearsal import Rehearsal
+from harness.experiment.separation import Rival, SeparationGoal, read_rivals, unexplained
+
+CAR = {"vehicle": "car", "parameters": "blanco_2021", "tyre": "linear", "sensors": "car_series", "integrator": "rk4"}
+FREE = ("stiffness_peak_front", "stiffness_peak_rear")
+
+
+def left_by_a_line(places, weights):
+    """Return what a line leaves of the parabola x^2 measured at some places with unit noise."""
+    root = np.sqrt(weights)
+    tangent = np.column_stack([np.ones_like(places), places]) * root[:, None]
+    residual = places**2 * root
+    return unexplained(float(residual @ residual), tangent.T @ residual, tangent.T @ tangent)
+
+
+def test_a_parabola_is_told_from_a_line_at_the_ends_and_in_the_middle():
+    """No line comes nearer to ``x^2`` than 1/2; the weights are 1/4, 1/2, 1/4 (Atkinson and Fedorov 1975)."""
+    best = left_by_a_line(np.array([-1.0, 0.0, 1.0]), np.array([0.25, 0.5, 0.25]))
+    assert best == pytest.approx(0.25)
+    random = np.random.default_rng(1)
+    for _ in range(100):
+        assert left_by_a_line(random.uniform(-1.0, 1.0, 5), random.dirichlet(np.ones(5))) <= best + 1e-12
+
+
+def test_what_is_known_of_a_parameter_it_does_not_take_up():
+    residual = np.array([2.0])
+    free, held = (unexplained(4.0, residual, np.array([[1.0 + p]])) for p in (0.0, 1e9))
+    assert free == pytest.approx(0.0)
+    assert held == pytest.approx(4.0)
+
+
+def rival(spec, name, share, error=0.3, **added):
+    values = {**{n: spec.values[n] for n in FREE}, **added}
+    errors = [0.02 * spec.values[n] for n in FREE] + [error * v for v in added.values()]
+    return Rival(name, share, values, np.array(errors), np.eye(len(values)))
+
+
+@pytest.fixture(scope="module")
+def goal():
+    spec = resolve_single(CAR, "test")
+    rivals = [
+        rival(spec, "lag", 0.5, steering_lag=0.05),
+        rival(spec, "inertia", 0.3, yaw_inertia=1.1 * spec.values["yaw_inertia"]),
+        rival(spec, "nothing", 0.2),
+    ]
+    return SeparationGoal(spec, rivals, none=0.1)
+
+
+def told(goal, name, point):
+    limits = Limits(lateral_acceleration=4.0)
+    spec = goal.model.spec
+    (manoeuvre,) = chosen([name])
+    drive = Rehearsal(goal.model, spec, goal.versions, goal.recorded, limits).of(
+        manoeuvre.drive(np.array(point), Room.of(spec, limits), name)
+    )
+    assert not isinstance(drive, str), drive
+    return goal.told(drive)
+
+
+def test_a_step_tells_a_lag_from_inertia_and_a_ramp_does_not(goal):
+    step, ramp = told(goal, "step", [0.5, 0.5, 0.2]), told(goal, "ramp", [0.5, 0.5])
+    assert goal.value(None) > goal.value(ramp) > goal.value(step)
+    before, after = goal.posterior(None), goal.posterior(step)
+    np.testing.assert_allclose(before[0], goal.shares)
+    assert after[0][0] > before[0][0]
+    distance, _ = goal.distances(step)
+    assert distance[0, 1] > 4.0 * goal.distances(ramp)[0][0, 1]
+    np.testing.assert_allclose(np.diagonal(distance), 0.0)
+
+
+def test_a_model_that_holds_the_right_one_is_told_from_it_only_by_the_drives_so_far(goal):
+    distance, _ = goal.distances(total([(told(goal, "step", [0.5, 0.5, 0.2]), 50)]))
+    assert distance[2, 0] <= (1.0 / 0.3) ** 2 + 1e-6  # a lag of nothing is that many standard errors off
+    assert distance[0, 2] > 100.0
+    assert math.isinf(goal._emulations[0, 1])
+
+
+def test_what_stays_open_is_said(goal):
+    expectation = goal.expectation(told(goal, "ramp", [0.0, 0.0]))
+    assert any("inertia" in text and "confusable" in text for text in expectation.open)
+    assert any("none of these" in text for text in expectation.open)
+    assert expectation.record["models"]["lag"]["share"] == pytest.approx(0.5)
+
+
+def test_a_trace_that_left_one_model_or_none_with_estimates_is_refused(tmp_path):
+    model = {"added": [], "share": 1.0, "estimates": [], "correlation": []}
+    content = {"confusable": {"models": [model]}, "posterior": {"none_of_these": 0.0}, "error": {"yaw_rate": {}}}
+    (tmp_path / "trace.json").write_text(json.dumps(content))
+    with pytest.raises(UserError, match="nothing to be told apart"):
+        read_rivals(tmp_path)
+    del model["estimates"]
+    (tmp_path / "trace.json").write_text(json.dumps(content))
+    with pytest.raises(UserError, match="run harness trace again"):
+        read_rivals(tmp_path)
