@@ -114,7 +114,7 @@ class NextDrive(Shown):
         """The best drive of each manoeuvre, repeated alone for the budget: ``times``, ``seconds``, ``value``."""
         import pandas as pd
 
-        rows = {t.manoeuvre.name: (t.times, t.times * t.rehearsed.seconds, t.value) for t in self._designed.plan.ranked}
+        rows = {t.manoeuvre.name: (t.times, t.seconds, t.value) for t in self._designed.plan.ranked}
         columns = ["times", "seconds", "value"]
         return pd.DataFrame.from_dict(rows, orient="index", columns=columns).rename_axis("manoeuvre")
 

@@ -88,7 +88,7 @@ def next_drive(task: NextDriveOptions) -> None:
         show("writing the report")
         written = write_design(designed, out, command())
     expectation = designed.goal.expectation(designed.plan.told)
-    ranked = [f"{t.manoeuvre.name}: {designed.alone(t).words}" for t in designed.plan.ranked]
+    ranked = [f"{t.manoeuvre.name}, {t.seconds:g} s: {designed.alone(t).words}" for t in designed.plan.ranked]
     printed(answer(designed), [*(f"open: {text}" for text in expectation.open), *ranked, *written])
 
 

@@ -59,6 +59,14 @@ class Goal(Protocol):
         """Name of the criterion."""
 
     @property
+    def turns(self) -> int:
+        """How often a drive is driven at least: once to fit and once to judge."""
+
+    @property
+    def shortest(self) -> float:
+        """Duration of the shortest recording that is taken, in s."""
+
+    @property
     def enough(self) -> float:
         """Value at which nothing is left to be driven for."""
 

@@ -36,8 +36,9 @@ class Tried:
         manoeuvre: Its manoeuvre.
         rehearsed: The drive.
         told: What it tells, driven once.
-        times: How often it fits into the budget.
-        value: The criterion if it is driven so often.
+        times: How often it is driven: until nothing is left to be driven for, or the budget is spent.
+        value: The criterion behind that.
+        settles: Whether nothing is left to be driven for then.
     """
 
     manoeuvre: Manoeuvre
@@ -45,6 +46,17 @@ class Tried:
     told: Told
     times: int
     value: float
+    settles: bool = False
+
+    @property
+    def seconds(self) -> float:
+        """Duration of all its turns in s."""
+        return self.times * self.rehearsed.seconds
+
+    @property
+    def rank(self) -> tuple[float, float]:
+        """The smaller the better: the sooner all is settled, and then the criterion."""
+        return self.seconds if self.settles else math.inf, self.value
 
 
 @dataclass(frozen=True)
@@ -108,11 +120,12 @@ def design(
             count += search.rehearsed
             if not search.tried:
                 refused[manoeuvre.name] = ", ".join(sorted(search.reasons))
-    best = (min((t for t in pool if t.manoeuvre == m), key=lambda t: t.value, default=None) for m in manoeuvres)
-    ranked = tuple(sorted((t for t in best if t is not None), key=lambda t: t.value))
+    best = (min((t for t in pool if t.manoeuvre == m), key=lambda t: t.rank, default=None) for m in manoeuvres)
+    ranked = tuple(sorted((t for t in best if t is not None), key=lambda t: t.rank))
     sequence = greedy(goal, pool, budget)
     told = total([(t.told, times) for t, times in sequence]) if sequence else None
-    if ranked and not goal.value(told) < max(ranked[0].value, goal.enough):
+    value, seconds = goal.value(told), sum(t.rehearsed.seconds * times for t, times in sequence)
+    if ranked and not (seconds if value <= goal.enough else math.inf, value) < ranked[0].rank:
         sequence = ((ranked[0], ranked[0].times),)
         told = total([(ranked[0].told, ranked[0].times)])
     return Plan(ranked, sequence, told, goal.value(told), refused, count)
@@ -128,9 +141,9 @@ def greedy(goal: Goal, pool: Sequence[Tried], budget: float) -> tuple[tuple[Trie
     told: Told | None = None
     spent, value = 0.0, goal.value(None)
     while value > goal.enough and (
-        fit := [i for i, t in enumerate(pool) if spent + t.rehearsed.seconds <= budget + 1e-9]
+        fit := [i for i, t in enumerate(pool) if spent + goal.turns * t.rehearsed.seconds <= budget + 1e-9]
     ):
-        after = [goal.value(total([(pool[i].told, 1), *([(told, 1)] if told else [])])) for i in fit]
+        after = [goal.value(total([(pool[i].told, goal.turns), *([(told, 1)] if told else [])])) for i in fit]
         if math.isfinite(value):
             gains = [(value - a) / pool[i].rehearsed.seconds for i, a in zip(fit, after, strict=True)]
             k = int(np.argmax(gains))
@@ -139,9 +152,9 @@ def greedy(goal: Goal, pool: Sequence[Tried], budget: float) -> tuple[tuple[Trie
         else:
             k = int(np.argmin([a if math.isfinite(a) else pool[i].value for i, a in zip(fit, after, strict=True)]))
         i = fit[k]
-        taken[i] = taken.get(i, 0) + 1
-        told = total([(pool[i].told, 1), *([(told, 1)] if told else [])])
-        spent, value = spent + pool[i].rehearsed.seconds, after[k]
+        taken[i] = taken.get(i, 0) + goal.turns
+        told = total([(pool[i].told, goal.turns), *([(told, 1)] if told else [])])
+        spent, value = spent + goal.turns * pool[i].rehearsed.seconds, after[k]
     return tuple((pool[i], times) for i, times in taken.items())
 
 
@@ -174,7 +187,7 @@ class _Search:
                     self.reasons.add(result)
                     continue
                 self.tried.append(result)
-                best = (point, result.value) if best is None or result.value < best[1] else best
+                best = (point, result.rank) if best is None or result.rank < best[1] else best
             if best is None:
                 return
             count = min(_BATCH, effort - spent)
@@ -191,13 +204,21 @@ class _Search:
             result = self.rehearsal.of(drive)
             if not isinstance(result, str):
                 times = int(self.budget / result.seconds + 1e-9)
-                if times == 0:
+                if times < self.goal.turns:
                     return point, "budget"
-                told = self.goal.told(result)
-                value = self.goal.value(total([(told, times)]))
-                return point, Tried(self.manoeuvre, result, told, times, value)
+                return point, self._judged(result, times)
             reason = result
             if point[0] <= 0.0:
                 break
             point[0] = max(0.0, point[0] - _EASED)
         return point, reason
+
+    def _judged(self, drive: Rehearsed, most: int) -> Tried:
+        """Return what a drive tells that is driven until all is settled, or so many times."""
+        told, enough = self.goal.told(drive), self.goal.enough
+        most -= most % self.goal.turns
+        for times in range(self.goal.turns if math.isfinite(enough) else most, most + 1, self.goal.turns):
+            value = self.goal.value(total([(told, times)]))
+            if value <= enough:
+                break
+        return Tried(self.manoeuvre, drive, told, times, value, value <= enough)

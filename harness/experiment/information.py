@@ -145,7 +145,8 @@ class EstimationGoal:
         UserError: If a parameter was not fitted or the criterion does not fit.
     """
 
-    recorded = 1
+    recorded = turns = 1
+    shortest = 0.0
     enough = -math.inf
     measure = "the relative standard error, of several parameters their mean as the criterion takes it"
 

@@ -25,9 +25,6 @@ _BEYOND = 1.5
 _LEAD_IN = 1.0
 """s straight ahead before the steering begins."""
 
-_SHORT = 8.0
-"""s of a manoeuvre of one steering motion."""
-
 
 @dataclass(frozen=True)
 class Room:
@@ -37,16 +34,18 @@ class Room:
         limits: Of the drive.
         wheelbase: m.
         ratio: Steering-wheel angle over road-wheel angle.
+        short: Duration of a manoeuvre of one steering motion in s.
     """
 
     limits: Limits
     wheelbase: float
     ratio: float
+    short: float = 8.0
 
     @classmethod
-    def of(cls, spec: ModelSpec, limits: Limits) -> Room:
-        """Return the room of a model."""
-        return cls(limits, spec.wheelbase, spec.steering_ratio)
+    def of(cls, spec: ModelSpec, limits: Limits, shortest: float = 0.0) -> Room:
+        """Return the room of a model, with the duration of the shortest recording that is taken."""
+        return cls(limits, spec.wheelbase, spec.steering_ratio, max(cls.short, shortest))
 
     def speed(self, share: float) -> float:
         """Return a speed between the limits in m/s."""
@@ -125,7 +124,7 @@ def _ramp(p: Floats, room: Room) -> Options:
 def _step(p: Floats, room: Room) -> Options:
     speed, rise = room.speed(p[1]), between(0.15, 1.0, p[2])
     angle = room.angle(p[0], speed)
-    return {"speed": speed, "amplitude": angle, "rise_time": rise, "duration": min(_SHORT, room.duration(speed))}
+    return {"speed": speed, "amplitude": angle, "rise_time": rise, "duration": min(room.short, room.duration(speed))}
 
 
 def _sine(p: Floats, room: Room) -> Options:
@@ -161,7 +160,7 @@ def _lane_change(p: Floats, room: Room) -> Options:
     # Of an S-shaped path the largest lateral acceleration is 5.77 offset (speed / length)^2.
     change = speed * math.sqrt(5.77 * offset / (between(_LEAST, 1.0, p[0]) * room.limits.lateral_acceleration))
     change, stay = max(change, 8.0), between(5.0, 50.0, p[2])
-    duration = math.ceil(_LEAD_IN + (2.0 * change + stay) / speed + 2.0)
+    duration = max(math.ceil(_LEAD_IN + (2.0 * change + stay) / speed + 2.0), room.short)
     return {
         "speed": speed, "offset": offset, "change": change, "back": change, "stay": stay, "duration": float(duration)
     }  # fmt: skip
@@ -169,7 +168,7 @@ def _lane_change(p: Floats, room: Room) -> Options:
 
 def _dwell(p: Floats, room: Room) -> Options:
     speed = room.speed(p[1])
-    duration = min(_SHORT, room.duration(speed))
+    duration = min(room.short, room.duration(speed))
     return {"speed": speed, "amplitude": room.angle(p[0], speed), "frequency": 0.7, "duration": duration}
 
 

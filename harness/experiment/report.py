@@ -88,6 +88,11 @@ def _for_driver(designed: Designed) -> list[Block]:
     notes = [
         "Enter straight ahead at the speed of the first sample; leave straight, or brake where the road ends.",
         f"Record {signals} at {rate:g} Hz or more, each drive as a file of its own, from before the entry to the end.",
+        *(
+            ["Drive each as often to fit as to judge: harness trace --train and --test."]
+            if designed.goal.turns > 1
+            else []
+        ),
         f"Limits: {_limits(designed.task.limits)}.",
         f"A steering robot takes {listed([f'{n}.csv' for n in names_of(designed)])}.",
     ]
@@ -132,14 +137,14 @@ def _expected(expectation: Expectation) -> list[Block]:
 def _ranked(designed: Designed) -> list[Block]:
     plan = designed.plan
     rows = [
-        [t.manoeuvre.name, _free(t), f"{t.times}", f"{t.times * t.rehearsed.seconds:g}", number(np.exp(t.value))]
+        [t.manoeuvre.name, _free(t), f"{t.times}", f"{t.seconds:g}", number(max(np.exp(t.value), 1e-12))]
         for t in plan.ranked
     ]
     before, after = (np.exp(designed.goal.value(told)) for told in (None, plan.told))
-    rows.append(["the sequence", "", "", f"{plan.seconds:g}", number(after)])
+    rows.append(["the sequence", "", "", f"{plan.seconds:g}", number(max(after, 1e-12))])
     now = number(before) if np.isfinite(before) else "∞"
     caption = (
-        f"The best drive of each manoeuvre, repeated alone for {designed.task.budget:g} s. Criterion: "
+        f"The best drive of each manoeuvre, repeated alone, for {designed.task.budget:g} s at most. Criterion: "
         f"{designed.goal.measure}, the smaller the better; now {now}. {plan.tried} drives were rehearsed."
     )
     refused = [plain(f"{name}: no drive keeps to the limits ({why})") for name, why in plan.refused.items()]

@@ -107,7 +107,7 @@ def design_drives(task: DesignTask, say: Callable[[str], None] = lambda _: None)
     spec = goal.model.spec
     rehearsal = Rehearsal(goal.model, spec, goal.versions, goal.recorded, task.limits)
     jobs = task.jobs or os.cpu_count() or 1
-    room = Room.of(spec, task.limits)
+    room = Room.of(spec, task.limits, goal.shortest)
     with threadpool_limits(1):  # threads of the linear algebra would wait for those of the drives
         plan = design(goal, rehearsal, room, manoeuvres, task.budget, task.effort, jobs, task.seed, say)
     if not plan.sequence:

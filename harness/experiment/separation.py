@@ -29,6 +29,7 @@ from harness.experiment.rehearsal import Rehearsed
 from harness.identification.coordinates import Coordinate, parameter_coordinate
 from harness.identification.data import DriveData
 from harness.identification.filtered_model import Candidates
+from harness.identification.measured_file import SHORTEST
 from harness.identification.uncertainty import covariance_of
 from harness.models.assembly.candidates import placements
 from harness.models.assembly.placement import load_effect, parameter_at, split
@@ -124,6 +125,8 @@ class SeparationGoal:
     """
 
     criterion = "T"
+    turns = 2
+    shortest = SHORTEST
     enough = math.log(1e-3)
     measure = "a bound on the probability that a wrong model of the set is named"
 
@@ -226,7 +229,8 @@ class SeparationGoal:
     def distances(self, told: Told | None) -> tuple[Floats, Floats]:
         """Return ``d^2`` of each right model against each rival, and what the rival's width costs it ``(m, m)``.
 
-        The latter is the logarithm by which its parameters are known better behind the drives (Laplace).
+        Half of the drives judge; the others are fitted. The latter is the logarithm by which the parameters are known
+        better behind the drives (Laplace).
         """
         m = len(self.rivals)
         if told is None:
@@ -235,7 +239,8 @@ class SeparationGoal:
         for j, precision in enumerate(self._precisions):
             n = len(precision)
             for i in range(m):
-                squares, slope, information = told[0][i, j], told[1][i, j, :n], told[2][i, j, :n, :n]
+                squares, slope = 0.5 * float(told[0][i, j]), 0.5 * told[1][i, j, :n]
+                information = 0.5 * told[2][i, j, :n, :n]
                 distance[i, j] = unexplained(squares, slope, information + precision)
                 width[i, j] = 0.5 * _growth(information, precision)
         np.fill_diagonal(distance, 0.0)

@@ -31,7 +31,7 @@ def measured_at(degree):
 class Polynomial:
     """The coefficients of a polynomial, of which next to nothing is known."""
 
-    enough = -math.inf
+    enough, turns = -math.inf, 1
 
     def __init__(self, degree, criterion="D", rows=None):
         self.degree, self.criterion = degree, criterion

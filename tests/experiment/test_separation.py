@@ -82,7 +82,7 @@ def test_a_step_tells_a_lag_from_inertia_and_a_ramp_does_not(goal):
 
 
 def test_a_model_that_holds_the_right_one_is_told_from_it_only_by_the_drives_so_far(goal):
-    distance, _ = goal.distances(total([(told(goal, "step", [0.5, 0.5, 0.2]), 50)]))
+    distance, _ = goal.distances(total([(told(goal, "step", [0.5, 0.5, 0.2]), 100)]))
     assert distance[2, 0] <= (1.0 / 0.3) ** 2 + 1e-6  # a lag of nothing is that many standard errors off
     assert distance[0, 2] > 100.0
     assert math.isinf(goal._emulations[0, 1])
