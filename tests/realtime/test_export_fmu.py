@@ -20,6 +20,7 @@ from harness.realtime.export import run
 from harness.realtime.export.fmi.archive import binary_place, fmu, sources
 from harness.realtime.export.fmi.component import of_a_plant, of_estimator
 from harness.realtime.export.fmi.description import compiled_files
+from harness.realtime.export.monitor import Monitor
 from harness.realtime.export.plant import printed_plant
 from harness.realtime.export.steps import WARNINGS
 from harness.simulation.drives import profile_of
@@ -118,6 +119,10 @@ class Slave:
     def get(self, *names):
         references = [self.references[n] for n in names]
         return list(self.fmu.getReal(references) if self.version == 2 else self.fmu.getFloat64(references))
+
+    def whole(self, *names):
+        references = [self.references[n] for n in names]
+        return list(self.fmu.getInteger(references) if self.version == 2 else self.fmu.getInt32(references))
 
     def step(self, at, size=STEP):
         self.fmu.doStep(at, size)
@@ -232,7 +237,8 @@ def test_a_study_has_the_scores_of_the_library_in_c_to_the_bit(version, tmp_path
     del shared["library"]
     own = {"name": "fmu", "fmu": f"{exported.export.name}.fmu", "settings": {"map": "map.toml"}}
     both = [{**shared, "name": "C", "library": library["library"]}, {**shared, **own}]
-    results = scores(study_of(tmp_path, estimator=both))
+    gaps = {**CONTENT["plant"], "effects": ["dropout"], "values": {"dropout_share": 0.2}}
+    results = scores(study_of(tmp_path, estimator=both, plant=gaps, belief=CONTENT["plant"]))
     for name in ("rmse", "max_error", "status"):
         library, own = np.moveaxis(results[name], 2, 0)
         assert np.isfinite(library).all()
@@ -362,6 +368,40 @@ def test_a_study_of_the_exported_plant_has_the_scores_of_the_plant(version, tmp_
     for name in ("rmse", "max_error", "nis", "status"):
         assert np.isfinite(own[name]).all()
         np.testing.assert_allclose(theirs[name], own[name], rtol=1e-9, atol=1e-12, err_msg=name)
+
+
+def test_sensors_of_an_exported_plant_are_not_degraded(tmp_path, plant):
+    gaps = study_of(tmp_path, plant={**CONTENT["plant"], "effects": ["dropout"]}, belief=CONTENT["plant"])
+    degraded = of_a_plant(printed_plant(gaps))
+    assert degraded.variables == plant.variables
+    assert degraded.files[f"{plant.name}.c"] == plant.files[f"{plant.name}.c"]
+
+
+@VERSIONS
+def test_a_monitor_has_its_outputs(version, tmp_path):
+    study = study_of(tmp_path)
+    bare = run.export(study, recorded=(None, 3.0))
+    face, wide = bare.export.interface, (-1e6, 1e6)
+    ranges = {
+        g: dict.fromkeys((q.name for q in getattr(face, g)), wide) for g in ("inputs", "measurements", "estimates")
+    }
+    rates = dict.fromkeys(ranges["inputs"], wide)
+    ranges["inputs"] = {**ranges["inputs"], "steering_wheel_angle": (-0.2, 0.2)}  # it goes to 0.35 rad
+    bias = dict.fromkeys(ranges["measurements"], 3.0)
+    monitor = Monitor(study.hash, "EKF", STEP, 50, 0.5, (-5.0, 5.0), bias, rates=rates, says=["Often."], **ranges)
+    (tmp_path / "monitor.toml").write_text(monitor.text)
+    watched = run.export(study, recorded=(None, 3.0), monitor=tmp_path / "monitor.toml")
+    slave = Slave(written(of_estimator(watched.export, True, watched.inputs[0].tolist()), version, tmp_path))
+    head, *lines = watched.files["replay.csv"].splitlines()
+    rows = [dict(zip(head.split(","), map(float, line.split(",")), strict=True)) for line in lines]
+    slave.begin(**{n: rows[0][n] for n in INPUTS})
+    told = []
+    for k, row in enumerate(rows[1:]):
+        slave.set(**{n: row[n] for n in (*INPUTS, "yaw_rate", "lateral_acceleration")})
+        slave.step(k * STEP)
+        told.append(slave.whole("trust", "reasons"))
+    assert told == [[row["trust"], row["reasons"]] for row in rows[1:]]
+    assert {trust for trust, _ in told} >= {0, 1}
 
 
 @VERSIONS

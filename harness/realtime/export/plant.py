@@ -17,6 +17,7 @@ from harness.engine.c99.program import Program
 from harness.engine.c99.values import Array, Root
 from harness.engine.compile import CompiledModel, compile_model, load_source, paste
 from harness.engine.kernel_source import Kernel
+from harness.models.assembly.degradation import apart
 from harness.models.contracts import Profile
 from harness.models.roles import SENSORS
 from harness.realtime.export import plant_kernels
@@ -76,6 +77,8 @@ class PlantExport:
 def driven(study: StudySpec, believed: bool) -> ModelSpec:
     """Return the model of a plant: that of a study, or what it believes without anything that is estimated beside.
 
+    Its sensors are not degraded.
+
     Raises:
         UserError: If it is somebody else's.
     """
@@ -84,7 +87,7 @@ def driven(study: StudySpec, believed: bool) -> ModelSpec:
         spec = dataclasses.replace(study.belief, unknown_inputs=(), parameter_states=())
     if spec.external is not None:
         raise UserError(f"study '{study.name}': its plant cannot be exported: it has no equations of the harness")
-    return spec
+    return dataclasses.replace(spec, effects=tuple(apart(spec.effects)[0]))
 
 
 def printed_plant(
