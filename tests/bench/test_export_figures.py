@@ -1,8 +1,11 @@
 """The figures of exported estimators: small forms of their tables."""
 
+import shutil
+
 import pytest
 
-from bench import export
+from bench import export, export_tools
+from harness.common.errors import UserError, WorkError
 from support.observers import needs_compiler
 
 
@@ -47,3 +50,33 @@ def test_so_are_those_of_a_car_whose_accelerometer_is_not_linear(capsys):
     *_, first, all_of_eight, _, above, _ = row(capsys.readouterr().out, "forces")
     assert 0 < float(first) <= float(all_of_eight) < 1e-12
     assert float(above) == 0.0
+
+
+@needs_compiler
+@pytest.mark.proof
+def test_tools_of_control_units_have_nothing_new_to_say(capsys, tmp_path, monkeypatch):
+    with pytest.raises(UserError, match="no folder that harness export wrote"):
+        export_tools.main([str(tmp_path)])
+    export_tools.main(["--estimator", "narx"])
+    out = capsys.readouterr().out
+    messages, code, stack, *ran = row_of_tools(out)
+    if shutil.which("cppcheck"):
+        assert int(messages) > 50
+        monkeypatch.setattr(export_tools, "DEVIATIONS", {"12.1": "advisory"})
+        with pytest.raises(WorkError, match=r"cppcheck says 10\.8, .* which nobody has justified"):
+            export_tools.main(["--estimator", "narx"])
+    else:
+        assert "not installed, and left out: cppcheck" in out
+    if shutil.which(export_tools.COMPILER):
+        assert 3000 < int(code.replace(",", "")) < 20000
+        assert 100 < int(stack.replace(",", "")) < 2000
+    else:
+        assert f"left out: {export_tools.COMPILER}" in out
+    emulates = shutil.which(export_tools.COMPILER) and shutil.which(export_tools.EMULATOR)
+    assert " ".join(ran) == ("as recorded" if emulates else "–")
+
+
+def row_of_tools(out):
+    """Return the cells behind the name of the first row."""
+    (line,) = (line.split() for line in out.splitlines() if line.split()[:2] == ["steering", "narx"])
+    return line[2:]

@@ -85,6 +85,7 @@ def test_the_c_gives_the_same_verdicts_and_says_the_counts(counted, precision, t
     assert lines[0].endswith("nis,trust,reasons")
     assert {line.split(",")[-2] for line in lines[1:]} >= {"0.0", "1.0"}
     header = " ".join(exported.files["foreign_ekf.h"].replace("\n *", " ").split())
+    assert all(f"| {bit} |" in exported.files["README.md"] for bit in REASONS)
     assert all(" ".join(sentence.split()) in header for sentence in counted.monitor.says)
     assert all(f"= {bit}" in header for bit in REASONS)
     (tmp_path / "use.c").write_text(USE)

@@ -160,6 +160,7 @@ MODULES: dict[str, Small | Begun | By] = {
     "bench.compilation": Begun("small.toml", EVALUATED, "kind='ekf'", "it compiles into an empty cache"),
     "bench.estimators": Begun("ekf", EVALUATED, "kind='ekf'", "half a minute"),
     "bench.export": By("bench/test_export_figures.py::test_steps_of_c_and_kernel_are_compared"),
+    "bench.export_tools": By("bench/test_export_figures.py::test_tools_of_control_units_have_nothing_new_to_say"),
     "bench.external": Small("--rounds 1", rf"two workers are {NUMBER} times as fast as one"),
     "bench.external_estimators": Small("--rounds 1", rf"overhead of C +{NUMBER}"),
     "bench.faults.child": By("bench/test_faults.py::test_a_study_that_was_struck_has_the_same_bits"),

@@ -13,6 +13,7 @@ from harness.external.estimators.library import HEADER
 from harness.realtime.export.interface import Quantity
 from harness.realtime.export.source import BELIEVED, Export, header, source, wrapped
 from harness.runner.contract import History
+from harness.runner.monitor import REASONS
 
 TOLERANCE = {"double": "1e-9", "float": "1e-2"}
 """Up to which a replay has to be as recorded, over the largest magnitude."""
@@ -47,7 +48,7 @@ def contents(
         "estimator.toml": study_table(export, has_covariance),
         "Makefile": _filled("Makefile", export),
         "CMakeLists.txt": _filled("CMakeLists.txt", export),
-        "README.md": _filled("README.md", export),
+        "README.md": _filled("README.md", export, TRUST=_trust(export)),
     }
 
 
@@ -57,6 +58,19 @@ def _filled(template: str, export: Export, **more: str) -> str:
     for word, meaning in (words | more).items():
         text = text.replace(f"@{word}@", meaning)
     return text
+
+
+def _trust(export: Export) -> str:
+    """Return the section on the trust monitor; nothing without one."""
+    if export.monitor is None:
+        return ""
+    levels = "0 trusted, 1 outside of what was studied, 2 contradicted by the innovations"
+    rows = [f"| {bit} | {meaning} |" for bit, meaning in REASONS.items()]
+    return "\n".join([
+        "\n## When not to trust it\n", f"`outcome.trust`, and the column `trust` of the estimates: {levels}.",
+        "`outcome.reasons` is the sum of\n", "| | |", "|--:|---|", *rows, "",
+        *(f"* {sentence}" for sentence in export.monitor.says), "",
+    ])  # fmt: skip
 
 
 def results_of(export: Export) -> list[str]:

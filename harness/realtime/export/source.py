@@ -77,8 +77,8 @@ BELIEVED = {
 
 
 def comment(text: str, margin: str = "") -> str:
-    """Return text as a comment."""
-    lines = textwrap.wrap(text, WIDTH - len(margin) - 6)
+    """Return text as a comment; its lines are paragraphs."""
+    lines = [line for part in text.split("\n") for line in textwrap.wrap(part, WIDTH - len(margin) - 6)]
     return f"{margin}/* " + f"\n{margin} * ".join(lines) + " */"
 
 
@@ -146,8 +146,8 @@ def _trust(upper: str, monitor: Monitor) -> str:
     reasons[-1] = reasons[-1].replace(", /*", " /*", 1)
     levels[-1] = levels[-1].replace(", /*", " /*", 1)
     return "\n".join([
-        comment("Whether the estimate is to be trusted, counted in the study of this estimator: " +
-                 " ".join(monitor.says).replace("*/", "* /")), "enum {", *levels, "};\n",
+        comment("\n".join(["Whether the estimate is to be trusted. In the study of this estimator:", *monitor.says])
+                .replace("*/", "* /")), "enum {", *levels, "};\n",
         comment("Why it is not; bits that may come together."), "enum {", *reasons, "};",
     ])  # fmt: skip
 

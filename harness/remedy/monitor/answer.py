@@ -35,6 +35,12 @@ def speaks(level: Level, t: int) -> bool:
     return level.counts[t].wrong_share >= OFTEN
 
 
+def called(counted: Counted, level: Level) -> str:
+    """Return the label of a level, with its design where there are several."""
+    several = len({each.design for each in counted.levels}) > 1
+    return f"{level.label} ({level.design})" if several else level.label
+
+
 def limit_of(counted: Counted, t: int) -> str:
     """Write the error of a target that matters."""
     shown = quantity(counted.targets[t])
@@ -52,16 +58,17 @@ def _detections(counted: Counted, t: int) -> list[str]:
     levels = [level for level in counted.levels if speaks(level, t)]
     if not levels:
         return [f"At no level {beyond(counted, t)} in {percent(OFTEN)} of the samples."]
-    first = max(levels, key=lambda level: level.counts[t].wrong_share)
+    of_first = [level for level in levels if level.design == levels[0].design]
+    first = max(of_first, key=lambda level: level.counts[t].wrong_share)
     counts, within = first.counts[t], f"{counted.asked.within:g} s"
     kept = f", {share(counted.kept[t].false_share)} in runs that keep the limits" if counted.kept else ""
     text = (
-        f"At {first.label} {beyond(counted, t)} in {percent(counts.wrong_share)} of the samples; the monitor says so "
-        f"in {share(counts.said_share)} of these within {within}, and in {share(counted.believed[t].false_share)} of "
-        f"those without such an error where all is as believed{kept}."
+        f"At {called(counted, first)} {beyond(counted, t)} in {percent(counts.wrong_share)} of the samples; the "
+        f"monitor says so in {share(counts.said_share)} of these within {within}, and in "
+        f"{share(counted.believed[t].false_share)} of those without such an error where all is as believed{kept}."
     )
     others = [
-        f"{level.label} {percent(level.counts[t].wrong_share)}, {share(level.counts[t].said_share)}"
+        f"{called(counted, level)}: {percent(level.counts[t].wrong_share)}, {share(level.counts[t].said_share)}"
         for level in levels
         if level is not first
     ]
@@ -74,7 +81,7 @@ def _blind(counted: Counted) -> Iterator[str]:
         levels = [level for level in counted.levels if level.is_blind(t)]
         if not levels:
             continue
-        names = listed(list(dict.fromkeys(level.label for level in levels)))
+        names = listed(list(dict.fromkeys(called(counted, level) for level in levels)))
         largest = max(level.areas[t].value for level in levels)
         yield (
             f"At {names} the innovations hardly show that {beyond(counted, t)}: they tell a sample in error from one "
@@ -87,7 +94,7 @@ def _could(told: Told) -> str:
     """Say what measurements tell of a parameter at best."""
     name, own = words(told.parameter), percent(told.own)
     others = [f"{what.replace(', ', ' with ')} ({percent(share)})" for what, share in list(told.others.items())[:2]]
-    rest = f"; measured in addition, what could: {listed(others)}" if others else "; no set of sensors does better"
+    rest = f"; measured in addition could: {listed(others)}" if others else "; no set of sensors does better"
     if told.own > LITTLE:
         return (
             f"No monitor of these innovations can tell the {name}: at the end of a drive at best {own} of its "
