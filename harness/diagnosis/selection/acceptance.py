@@ -101,15 +101,27 @@ def clears_its_sensor(c: Candidate, before: Judgement) -> bool:
     own = c.hypothesis.output
     if own is None or c.hypothesis.random or c.held_out is None or before.normalised_excess_mses[own] <= EXCESS:
         return False
-    likelier = c.bic >= BIC_NEEDED and c.held_out.log_likelihood > before.log_likelihood
+    likelier = c.bic >= BIC_NEEDED and likelier_held_out(c, before)
     less = c.held_out.normalised_excess_mses[own] <= (1 - MOST) * before.normalised_excess_mses[own]
     return likelier and less and c.held_out.normalised_excess_mse < before.normalised_excess_mse
+
+
+def likelier_held_out(c: Candidate, before: Judgement) -> bool:
+    """Whether the held-out drives speak for a candidate.
+
+    What changed since a baseline is taken up by the parameters too, as far as the baseline leaves these open, and then
+    predicts as well: what tells is what the baseline says of their values. There all drives together have to be
+    evidence enough.
+    """
+    assert c.held_out is not None
+    rise = c.held_out.log_likelihood - before.log_likelihood
+    return rise > 0.0 or (c.hypothesis.changed and c.bic + 2.0 * rise >= BIC_NEEDED)
 
 
 def passes_except_error(c: Candidate, before: Judgement) -> bool:
     """Whether the only objection to a hypothesis is that the simulation error falls too little."""
     assert c.held_out is not None
-    likelier = c.bic >= HOPEFUL and c.held_out.log_likelihood > before.log_likelihood
+    likelier = c.bic >= HOPEFUL and likelier_held_out(c, before)
     return (
         c.hypothesis.name != ALL_PARAMETERS
         and likelier
@@ -138,7 +150,7 @@ def objections(c: Candidate, before: Judgement) -> list[str]:
     sentences = []
     if c.bic < BIC_NEEDED:
         sentences.append(f"the gain in BIC is {c.bic:.0f}, less than {BIC_NEEDED:.0f}")
-    if c.held_out.log_likelihood <= before.log_likelihood:
+    if not likelier_held_out(c, before):
         sentences.append("the likelihood of the held-out drives does not rise")
     if not c.hypothesis.random and not predicts_better(c.held_out, before):  # which no simulation predicts
         sentences.append("the simulation error on the held-out drives does not fall by a fifth")
