@@ -166,6 +166,20 @@ def test_of_an_error_within_its_floor_no_fall_is_asked(before, most):
     assert not predicts_better(judged(np.inf), judged(min(before, 1e6)))
 
 
+@pytest.mark.parametrize(("rise", "refused"), [(1.0, False), (-15.0, False), (-15.2, True)])
+def test_all_drives_together_speak_for_a_change_since_a_baseline(rise, refused):
+    """What the baseline leaves open of its parameters takes the change up as well, and then predicts no worse."""
+    before = Judgement(100.0, np.zeros(1), np.array([0.0]), (), None)
+    held_out = Judgement(100.0 + rise, np.zeros(1), np.array([0.0]), (), None)
+
+    def refuses(changed):
+        score = SimpleNamespace(hypothesis=Hypothesis("mass", "parameter", ("mass",), changed=changed))
+        return "likelihood of the held-out" in " ".join(objections(Candidate(score, None, 80.2, held_out), before))
+
+    assert refuses(changed=True) == refused
+    assert refuses(changed=False) == (rise < 0)
+
+
 def test_a_fault_of_one_sensor_is_judged_by_its_own_signal_where_nothing_else_passes():
     """Here 0.2 of the error of all is that of the second signal, and the rest has no name."""
     before = Judgement(1000.0, np.zeros(2), np.array([17.0, 0.2]), (), None)
