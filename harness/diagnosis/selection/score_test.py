@@ -12,7 +12,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Collection, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +44,8 @@ class Score:
         freedom: Numbers that it adds to the fit; under a prior, as many as the drives know better than the prior.
         shapes: Values of the grid.
         change_times: By drive and parameter ``(drives, change_times)``, in s.
-        response: Of the whitened innovations, projected, to the amplitudes: one array per drive ``(samples, ny)``.
+        response: Of the whitened innovations, projected, to the amplitudes: one array per drive ``(samples, ny)``; of
+            all that is tried at once in an orthonormal basis of theirs, where samples would take gigabytes.
         excited: Whether the drives could show it at all.
     """
 
@@ -165,7 +166,7 @@ class ScoreTest:
         scores = dict(zip(plain, share(lambda h: self._plain(h, sums), plain), strict=True))
         share(lambda i: self._change(changes, i), range(len(self.drives)))
         scores |= {h: self._change_times(h) for h in changes}
-        return [scores[h] for h in tried]
+        return in_basis([scores[h] for h in tried])
 
     def _sensitivities(self, drive: int, values: Floats, names: Sequence[str]) -> Floats:
         """Return columns ``(samples * ny, n)`` for a parameter each, at values of their own ``(np, n)``."""
@@ -383,6 +384,21 @@ def best_amplitudes(b: Floats, G: Floats, seen: NDArray[np.bool_], down: Floats,
 
 def cosine(score: Score, other: Score) -> float:
     """Return the cosine between the predicted responses of two scores; 1 if the drives cannot distinguish them."""
-    inner = sum(float(np.vdot(x, y)) for x, y in zip(score.response, other.response, strict=True))
     squares = [sum(float(np.vdot(x, x)) for x in s.response) for s in (score, other)]
-    return inner / float(np.sqrt(squares[0] * squares[1])) if min(squares) > 0 else 0.0
+    if min(squares) == 0.0:
+        return 0.0
+    inner = sum(float(np.vdot(x, y)) for x, y in zip(score.response, other.response, strict=True))
+    return inner / float(np.sqrt(squares[0] * squares[1]))
+
+
+def in_basis(scores: Sequence[Score]) -> list[Score]:
+    """Return scores with their responses in an orthonormal basis of these ``(scores,)``: all cosines are the same."""
+    if not scores:
+        return []
+    drives = zip(*(s.response for s in scores), strict=True)
+    products = total([R @ R.T for R in (np.array(own, dtype=float).reshape(len(scores), -1) for own in drives)])
+    sizes = np.sqrt(np.diagonal(products))
+    units = np.where(sizes > 0.0, sizes, 1.0)
+    values, vectors = np.linalg.eigh(products / np.outer(units, units))
+    basis = vectors * np.sqrt(np.maximum(values, 0.0)) * sizes[:, None]
+    return [replace(s, response=(row,)) for s, row in zip(scores, basis, strict=True)]
