@@ -45,7 +45,7 @@ class Score:
         shapes: Values of the grid.
         change_times: By drive and parameter ``(drives, change_times)``, in s.
         response: Of the whitened innovations, projected, to the amplitudes: one array per drive ``(samples, ny)``; of
-            all that is tried at once in an orthonormal basis of theirs, where samples would take gigabytes.
+            all that is tried at once in an orthonormal basis of theirs, because samples would take gigabytes.
         excited: Whether the drives could show it at all.
     """
 
@@ -56,7 +56,7 @@ class Score:
     freedom: float
     shapes: Floats
     change_times: Floats
-    response: tuple[Columns, ...]
+    response: tuple[Floats | Columns, ...]
     excited: bool
 
 

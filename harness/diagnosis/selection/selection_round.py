@@ -66,7 +66,7 @@ def _score(fits: CandidateFits, h: Hypothesis, point: ParameterPoint, gain: floa
     drives = fits.fitting.drives
     at = dict(zip(h.shared, _at(fits, point, h), strict=True))
     amplitudes, shapes = (np.array([at[n] for n in names]) for names in (h.amplitudes, h.shapes))
-    nothing = (np.zeros(1),)
+    nothing = (np.zeros(1, dtype=np.float32),)
     unknown, never = np.full(len(amplitudes), np.inf), np.zeros((len(drives), 0))
     return Score(h, gain, amplitudes, unknown, float(len(amplitudes)), shapes, never, nothing, True)
 
