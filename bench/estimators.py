@@ -4,30 +4,26 @@
     python -m bench.estimators --steering measured
 
 The semitrailer with the sensors of stability control, as it is believed to be; eight runs of six drives. Sensors as
-believed; two samples in a hundred of each sensor off by 20 standard deviations; all sensors four times as noisy as
-believed; and the trailer a third lighter than believed. Medians of the RMSE over that of the first filter in the same
-runs: force of axle 21, articulation angle; median of the NEES over its degrees of freedom; time of the processor per
-step and run in lanes.
+believed; two samples in a hundred of each sensor off by a normal number of 20 standard deviations; all sensors four
+times as noisy as believed; and the trailer a third lighter than believed. Medians of the RMSE over that of the first
+filter in the same runs: force of axle 21, articulation angle; median of the NEES over its degrees of freedom; time of
+the processor per step and run in lanes.
 """
 
 from __future__ import annotations
 
 import argparse
-import dataclasses
 from typing import Any
 
 import numpy as np
 
 from bench.remedy import table
 from harness.common.arguments import Parser
-from harness.common.arrays import Floats
 from harness.config import StudySpec, build_study
 from harness.engine.simd.lanes import LANES
 from harness.remedy.run import time_of_step
-from harness.runner.contract import Batch
-from harness.study.design import Unit, units
+from harness.study.design import units
 from harness.study.evaluate import StudyEvaluator
-from harness.study.run_noise import Case
 
 KINDS = (
     "ekf",
@@ -50,86 +46,53 @@ SEMITRAILER: dict[str, Any] = {
         "parameters": "ziaukas_2023_road_wheels",  # steering that is believed to be as fast as on the drives
         "tyre": "magic_formula",
         "sensors": "stability_control",
+        "effects": ["outliers"],
+        "values": {"outlier_size": 20},  # standard deviations
     },
 }
 STEERING: dict[str, dict[str, Any]] = {"measured": {}, "unknown": {"unknown_inputs": ["steering_wheel_angle"]}}
-CASES = ("as believed", "outliers", "noisier", "lighter")
-SHARE, SIZE, NOISIER, LIGHTER = 0.02, 20.0, 4.0, 2 / 3
+DESIGNS: list[dict[str, Any]] = [
+    {"name": "as believed", "factor": []},
+    {"name": "outliers", "factor": [{"parameter": "outlier_share", "levels": ["2 %"]}]},
+    {"name": "noisier", "factor": [{"parameter": "measurement_noise_scale", "levels": [16]}]},
+    {"name": "lighter", "factor": [{"parameter": "trailer_mass", "shift": ["-33.3 %"]}]},
+]
 
 
 def study(kinds: list[str], steering: str) -> StudySpec:
-    """Return a study of these estimators at the believed vehicle."""
+    """Return a study of these estimators."""
     content = {
         "name": "estimators",
         "seed": 20230109,
         **SEMITRAILER,
         "belief": STEERING[steering],
         "estimator": [{"name": kind, "kind": kind} for kind in kinds],
-        "design": [{"name": "ideal", "repeats": LANES}],
+        "design": [{**design, "name": design["name"].replace(" ", "-"), "repeats": LANES} for design in DESIGNS],
     }
     return build_study(content, "estimators")
-
-
-def disturbed(batch: Batch, case: str, deviation: Floats, unit: Unit) -> Batch:
-    """Return a batch with other measurements.
-
-    Args:
-        batch: As simulated.
-        case: One of ``CASES``.
-        deviation: Standard deviation of the measurement noise ``(ny, LANES)``.
-        unit: Whose drive seeds the random numbers.
-    """
-    rng = np.random.default_rng([unit.drive, 7])
-    shape = batch.measurements.shape
-    if case == "outliers":
-        off = (rng.random(shape) < SHARE) * rng.choice([-1.0, 1.0], shape) * SIZE
-    elif case == "noisier":
-        off = np.sqrt(NOISIER**2 - 1.0) * rng.normal(size=shape)
-    else:
-        return batch
-    return dataclasses.replace(batch, measurements=batch.measurements + off * deviation)
-
-
-def lighter(evaluator: StudyEvaluator, unit: Unit, cases: list[Case]) -> Batch:
-    """Return a batch of a vehicle whose trailer is lighter than believed, with the same noise."""
-    plant = evaluator.held(unit, cases, "plant")
-    values = plant.values.copy()
-    values[evaluator.study.plant.model().parameter_names.index("trailer_mass")] *= LIGHTER
-    return evaluator.simulate(unit, cases, plant=dataclasses.replace(plant, values=values))
 
 
 def measure(kinds: list[str], steering: str) -> None:
     """Print the table."""
     compared = study(kinds, steering)
-    evaluator, cases = StudyEvaluator(compared), [Case(0, repeat) for repeat in range(LANES)]
-    rmse: dict[tuple[str, str], list[Floats]] = {}
-    nees: dict[tuple[str, str], list[float]] = {}
-    for unit in units(compared, compared.designs[0]):
-        plain, believed = evaluator.simulate(unit, cases), evaluator.held(unit, cases, "belief")
-        plant = evaluator.held(unit, cases, "plant")
-        deviation = np.sqrt(plant.measurement_noise)
-        for case in CASES:
-            batch = lighter(evaluator, unit, cases) if case == "lighter" else disturbed(plain, case, deviation, unit)
-            for index, kind in enumerate(kinds):
-                scores = evaluator.estimate(index, unit, cases, batch, believed)
-                lost = scores.diverged_at < len(batch.truth)
-                rmse.setdefault((kind, case), []).append(np.where(lost, np.inf, scores.rmse[: len(compared.targets)]))
-                nees.setdefault((kind, case), []).append(float(np.mean(scores.nees)))
-    seconds = {kind: time_of_step(study([kind], steering)) for kind in kinds}
+    evaluator, targets = StudyEvaluator(compared), len(compared.targets)
     degrees = evaluator.compiled.belief.nx
-    rows = []
-    for kind in kinds:
-        cells = []
-        for case in CASES:
-            mine, first = (np.concatenate(rmse[k, case], axis=1) for k in (kind, kinds[0]))
-            cells.append(", ".join(f"{ratio:.3f}" for ratio in np.median(mine / first, axis=1)))
-            cells.append(f"{np.median(nees[kind, case]) / degrees:.2f}")
-        rows.append([f"`{kind}`", *cells, f"{1e6 * seconds[kind]:.2f}"])
-    header = [head for case in CASES for head in (case, "NEES/dof")]
-    table(["filter", *header, "µs"], rows)
-    for case in CASES:
-        own = np.median(np.concatenate(rmse[kinds[0], case], axis=1), axis=1)
-        print(f"{kinds[0]}, {case}: force {own[0]:.3g} N, angle {np.rad2deg(own[1]):.3g} deg")
+    cells: list[list[str]] = [[f"`{kind}`"] for kind in kinds]
+    for design in compared.designs:
+        results = [evaluator.evaluate(unit) for unit in units(compared, design)]
+        rmse, nees = (
+            np.concatenate([result[score].reshape(-1, *result[score].shape[2:]) for result in results])
+            for score in ("rmse", "nees")
+        )
+        rmse = np.where(np.isnan(rmse), np.inf, rmse)[..., :targets]
+        for e, row in enumerate(cells):
+            row.append(", ".join(f"{ratio:.3f}" for ratio in np.median(rmse[:, e] / rmse[:, 0], axis=0)))
+            row.append(f"{np.median(nees[:, e]) / degrees:.2f}")
+        own = np.median(rmse[:, 0], axis=0)
+        print(f"{kinds[0]}, {design.name}: force {own[0]:.3g} N, angle {np.rad2deg(own[1]):.3g} deg")
+    for kind, row in zip(kinds, cells, strict=True):
+        row.append(f"{1e6 * time_of_step(study([kind], steering)):.2f}")
+    table(["filter", *(head for design in DESIGNS for head in (design["name"], "NEES/dof")), "µs"], cells)
 
 
 def main() -> None:

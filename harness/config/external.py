@@ -13,7 +13,7 @@ from harness.common.registry import closest
 from harness.common.units import to_si
 from harness.config.bounds import out_of_bounds
 from harness.config.model import Stated, input_noise, noise_scale, number, refuse_unknown, stated
-from harness.config.parameter_set import variance_unit
+from harness.config.parameter_set import refuse_unknown_units, variance_unit
 from harness.config.problems import Problems, validated
 from harness.config.schema import ModelTable
 from harness.config.specs import ExternalSpec, ModelSpec
@@ -21,13 +21,13 @@ from harness.external import python_plant
 from harness.external.description import Description
 from harness.external.processes import TIMEOUT
 from harness.models.assembly.model import StateSpaceModel
+from harness.models.assembly.placement import is_degradation, load_effect
 from harness.models.roles import SENSORS
 
 _OF_EQUATIONS = (
     "vehicle",
     "parameters",
     "tyre",
-    "effects",
     "unknown_inputs",
     "unknown_parameters",
     "considered_parameters",
@@ -68,6 +68,14 @@ def resolve_external(
     for name in _OF_EQUATIONS:
         if table[name]:
             problems.add(f"plant.{name}", "this belongs to a vehicle of the library, not to a plant of somebody else")
+    effects = tuple(table["effects"] or ())
+    for i, effect in enumerate(effects):
+        with problems.catch(f"plant.effects[{i}]"):
+            refuse_unknown_units(load_effect(effect))
+            if not is_degradation(effect) or effect in effects[:i]:
+                problems.add(
+                    f"plant.effects[{i}]", "of a plant of somebody else sensors degrade, each way once; remove it"
+                )
     if len(problems) > before:
         return None
     description: Description | None = None
@@ -87,7 +95,7 @@ def resolve_external(
         vehicle="",
         parameters="",
         tyre=None,
-        effects=(),
+        effects=effects,
         sensors=raw.sensors or belief.sensors,
         integrator=raw.integrator or "euler",
         step=step,
@@ -97,9 +105,12 @@ def resolve_external(
         measurement_noise={},
         external=ExternalSpec(description, (folder, Path()), timeout),
     )
-    if not _sensors_fit(spec, description, problems):
+    model: StateSpaceModel | None = None
+    if _sensors_fit(spec, description, problems):
+        with problems.catch("plant.effects"):
+            model = spec.model()
+    if model is None:
         return None
-    model = spec.model()
     complete = replace(
         spec,
         values=_values(table, model, description, problems),
@@ -192,7 +203,8 @@ def _sensors_fit(spec: ModelSpec, description: Description, problems: Problems) 
 def _values(table: Stated, model: StateSpaceModel, description: Description, problems: Problems) -> dict[str, float]:
     given = table.group("values")
     refuse_unknown(table, "values", given, model.parameter_names, "parameter", problems)
-    values = {p.name: p.value for p in description.parameters}
+    values = {p.name: p.neutral for p in model.parameters if p.neutral is not None}
+    values |= {p.name: p.value for p in description.parameters}
     for parameter in model.parameters:
         if parameter.name not in given:
             continue
@@ -249,6 +261,7 @@ def external_table(spec: ModelSpec) -> dict[str, Any]:
         "timeout": spec.external.timeout,
         "described": description.as_dict(),
         "sensors": spec.sensors,
+        "effects": list(spec.effects),
         "integrator": spec.integrator,
         "step": spec.step,
         "substeps": spec.substeps,

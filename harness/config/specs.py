@@ -15,7 +15,9 @@ from harness.config.marginals import Marginal
 from harness.external.description import Description
 from harness.external.opaque import opaque_model
 from harness.models.assembly.assemble import StateSpaceModel, assemble
+from harness.models.assembly.degradation import with_degradations
 from harness.models.assembly.parameter_states import ParameterState, with_parameters
+from harness.models.assembly.placement import load_effect
 from harness.models.roles import SENSORS, VEHICLES
 
 Side = Literal["plant", "belief", "both"]
@@ -119,7 +121,8 @@ class ModelSpec:
     @functools.cached_property
     def _opaque(self) -> StateSpaceModel:
         assert self.external is not None
-        return opaque_model(self.external.description, SENSORS.load(self.sensors).OUTPUTS)
+        plain = opaque_model(self.external.description, SENSORS.load(self.sensors).OUTPUTS)
+        return with_degradations(plain, {name: load_effect(name) for name in self.effects})
 
 
 @remembered

@@ -16,6 +16,7 @@ from harness.external.losses import Losses
 from harness.external.processes import Lost, Workers
 from harness.external.references import located
 from harness.runner.contract import Batch, Held, InputSeries, Ports, Signals
+from harness.simulation.degraded_sensors import degrade
 
 if TYPE_CHECKING:
     from harness.config import ModelSpec
@@ -53,13 +54,14 @@ class ExternalPlant:
         deviations = np.sqrt(np.concatenate([held.process_noise, held.measurement_noise], axis=-2))
         scattered = deviations[..., None, :, :] * noise
         table, forces = inputs.at[:, :, 0], _by_run(scattered[..., :nd, :], lead)
-        values = _by_run(np.broadcast_to(held.values, (*lead, *held.values.shape[-2:])), lead)
+        own = held.values[..., : len(self._description.parameters), :]  # behind them are those of its sensors
+        values = _by_run(np.broadcast_to(own, (*lead, *own.shape[-2:])), lead)
         # Lanes without a run of their own repeat the last one.
         fresh = [i == 0 or not _alike(i, values, forces) for i in range(len(values))]
         jobs = ((self._step, table, forces[i], values[i]) for i in np.flatnonzero(fresh))
         answers = [self._outputs(answer, samples) for answer in self._workers.calls("simulate", jobs)]
-        own = np.cumsum(fresh) - 1
-        outputs, reached, lost = (np.stack([answer[part] for answer in answers])[own] for part in range(3))
+        answered = np.cumsum(fresh) - 1
+        outputs, reached, lost = (np.stack([answer[part] for answer in answers])[answered] for part in range(3))
         columns = {p.signal: outputs[..., i] for i, p in enumerate(self._description.outputs)}
         columns |= {name: forces[..., i] for i, name in enumerate(self.ports.states)}
         columns |= {name: np.broadcast_to(table[:, i], outputs.shape[:2]) for i, name in enumerate(self.ports.inputs)}
@@ -67,9 +69,11 @@ class ExternalPlant:
         for name, largest in [*self._description.limits.items(), *record.largest.items()]:
             if name in columns:
                 inside &= np.abs(columns[name]) <= largest
+        measured = _in_lanes([columns[str(e)] for e in self.model.outputs.values()], lead) + scattered[..., nd:, :]
+        degrade(self.model, measured, held, noise, self._step)
         return Batch(
             _in_lanes([columns[name] for name in record.names], lead),
-            _in_lanes([columns[str(e)] for e in self.model.outputs.values()], lead) + scattered[..., nd:, :],
+            measured,
             np.where(inside.all(axis=1), samples, np.argmin(inside, axis=1)).astype(float).reshape(*lead, LANES),
             lost=lost.reshape(*lead, LANES),
         )

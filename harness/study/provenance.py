@@ -59,11 +59,9 @@ def parts(study: StudySpec) -> list[ModuleType]:
     """Return the components that a study uses, which ``evaluate`` finds by name and does not import."""
     components = [ESTIMATORS.load(e.kind) for e in study.estimators]
     for spec in (study.plant, study.belief):
-        if spec.external is not None:
-            components.append(SENSORS.load(spec.sensors))
-            continue
-        components.append(VEHICLES.load(spec.vehicle))
-        components += [TYRES.load(spec.tyre)] if spec.tyre else []
+        if spec.external is None:
+            components.append(VEHICLES.load(spec.vehicle))
+            components += [TYRES.load(spec.tyre)] if spec.tyre else []
         components += [load_effect(name) for name in spec.effects]
         components.append(SENSORS.load(spec.sensors))
     for drive in study.drives:

@@ -10,7 +10,8 @@ import pytest
 
 from harness.common.errors import UserError
 from harness.common.files import toml_text
-from harness.config import build_study
+from harness.config import build_study, load_study
+from harness.config.self_contained import self_contained
 from harness.study.design import units
 from harness.study.evaluate import StudyEvaluator
 from harness.study.layout import root_attributes
@@ -20,6 +21,7 @@ from harness.study.report.analysis import Analysis
 from harness.study.report.sections import made
 from harness.study.results import read
 from harness.study.run import run_study
+from harness.study.run_noise import Case
 from harness.study.score_names import LOST, OK, STATUS
 from harness.study.store import Store
 from support.single_track import PLANT, STUDY
@@ -340,3 +342,35 @@ def test_the_page_of_a_result_is_there_without_the_plant_and_a_click_says_what_i
     build(tmp_path / "res")
     with pytest.raises(UserError, match=r"'my_plant:Plant' is needed, and my_plant\.py is not in"):
         Runs(tmp_path / "res").compute(Place(0, 0, 0))
+
+
+def test_its_sensors_degrade_as_those_of_a_vehicle_do(tmp_path, plain):
+    """Of a neutral degradation the bits are those without it; of a bias the readings are off by that."""
+    levels = [{"parameter": "dropout_share", "levels": ["0 %", "50 %"]}]
+    plant = {**STUDY["plant"], "effects": ["dropout"]}
+    degraded = study(tmp_path, plant=plant, design=[{"name": "gaps", "repeats": 2, "factor": levels}])
+    without = study(tmp_path, design=[{"name": "gaps", "repeats": 2}])
+    evaluators = StudyEvaluator(degraded), StudyEvaluator(without)
+    whole, gaps = (u for u in units(degraded, degraded.designs[0]) if u.drive == 0)
+    cases = [Case(0, 0), Case(0, 1)]
+    batches = [e.simulate(u, cases) for e, u in ((evaluators[0], whole), (evaluators[0], gaps), (evaluators[1], whole))]
+    for evaluator in evaluators:
+        evaluator.compiled.simulator.close()
+    measured = [batch.measurements[..., :2] for batch in batches]
+    assert measured[0].tobytes() == measured[2].tobytes()
+    missing = np.isnan(measured[1])
+    assert missing.mean() == pytest.approx(0.5, abs=0.05)
+    assert np.array_equal(measured[1][~missing], measured[0][~missing])
+
+
+@pytest.mark.parametrize("effects", [["steering_lag"], ["dropout", "dropout"], ["dropout@roll_rate"], ["drupout"]])
+def test_other_effects_are_of_vehicles_of_the_library(tmp_path, effects):
+    with pytest.raises(UserError, match=r"plant\.effects"):
+        study(tmp_path, plant={**STUDY["plant"], "effects": effects})
+
+
+def test_a_store_keeps_the_degradations_of_its_sensors(tmp_path):
+    built = study(tmp_path, plant={**STUDY["plant"], "effects": ["dropout"], "values": {"dropout_share": 0.2}})
+    (tmp_path / "again.toml").write_text(self_contained(built))
+    again = load_study(tmp_path / "again.toml")
+    assert (again.plant.effects, again.plant.values["dropout_share"]) == (("dropout",), 0.2)

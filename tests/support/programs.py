@@ -173,6 +173,9 @@ MODULES: dict[str, Small | Begun | By] = {
     ),
     "bench.notebooks": By("package/test_notebooks.py::test_it_runs"),
     "bench.peers": By("test_programs.py::test_the_peers_are_measured_where_they_are_installed"),
+    "bench.quasi_monte_carlo": Small(
+        "--points 64 --scramblings 2 --out out", rf"mean \| Sobol, scrambled \| {NUMBER}°", ("out/error.svg",)
+    ),
     "bench.questions": Begun("mass trace", "bench.view_pictures.served", "mass", "it takes the mass study and a trace"),
     "bench.real.plant": By("bench/test_real.py::test_the_command_writes_what_the_tracer_gets_and_then_the_seal"),
     "bench.remedy": Begun("estimated", EVALUATED, "kind='ekf'", "minutes"),
