@@ -1,11 +1,14 @@
-"""Planned drives against what they then tell: expected and reached standard errors of five identifications.
+"""Planned drives against what they then tell: standard errors of five identifications, and traces that they settle.
 
 ``python -m bench.next_drive`` fits a vehicle to a calm drive, plans the next ones, simulates them on the true vehicle
 with fresh noise, fits both together, and compares the standard errors with those that the plan expected.
+``--traces 3`` traces vehicles with an effect over calm drives, and where models stay confusable again with the planned
+drives, and with drives as before that last as long.
 """
 
 from __future__ import annotations
 
+import json
 import math
 import tempfile
 import time
@@ -21,6 +24,7 @@ from rich.table import Table
 
 import harness as h
 from harness.common.arguments import Parser
+from harness.models.quantities import words
 
 
 @dataclass(frozen=True)
@@ -129,13 +133,102 @@ def reached(case: Case, folder: Path, seed: int = 0, effort: int = 20, jobs: int
         yield Reached(case.name, name, before, error["after"], row["standard_error"], off, seconds)
 
 
+CALM = {"speed": 15.0, "speed_variation": 3.0, "amplitude": 0.15, "rise_time": 2.0}
+"""Random steering of the drives before the plan: 0.6 m/s^2 of lateral acceleration."""
+
+EFFECTS: tuple[tuple[str, dict[str, float]], ...] = (
+    ("steering_lag", {"steering_lag": 0.05}),
+    ("steering_lag", {"steering_lag": 0.08}),
+    ("steering_delay", {"steering_delay": 0.05}),
+    ("tyre_relaxation@rear", {"tyre_relaxation_rear": 1.0}),
+    ("sensor_delay@yaw_rate", {"sensor_delay_yaw_rate": 0.04}),
+    ("steering_lag", {"steering_lag": 0.03}),
+)
+"""What the vehicle of each trace has: the effect and its parameters."""
+
+
+@dataclass(frozen=True)
+class Settled:
+    """A trace before and behind further drives.
+
+    Attributes:
+        right: The effect that the vehicle has.
+        arm: What was driven: nothing yet, the planned drives, or calm ones that last as long.
+        seconds: Of driving.
+        share: Probability of the right model within the set.
+        expected: That the plan expected; NaN for what was not planned.
+        set_size: Models of the confusable set.
+    """
+
+    right: str
+    arm: str
+    seconds: float
+    share: float
+    expected: float
+    set_size: int
+
+
+def settled(effect: str, values: dict[str, float], folder: Path, seed: int, effort: int) -> Iterator[Settled]:
+    """Yield the trace of a vehicle with an effect, and where it left several models those with further drives."""
+    nominal = h.model(**_CAR)
+    truth = h.model(**_CAR, effects=[effect], values=values, integrator="rk4")
+
+    def calm(number: int, seconds: float) -> xr.Dataset:
+        return simulated(truth, h.drive("random_sequence", seed=number, duration=seconds, **CALM), number)
+
+    def traced(name: str, train: list[xr.Dataset], test: list[xr.Dataset]) -> tuple[float, int]:
+        h.Diagnosis(estimators=()).fit(nominal, train, test, folder / name)
+        models = json.loads((folder / name / "trace.json").read_text())["confusable"]["models"]
+        names = {"+".join(a["name"] for alike in m["added"] for a in alike[:1]): m["share"] for m in models}
+        return float(names.get(effect, 0.0)), len(models)
+
+    train, test = [calm(seed + 1, 40.0), calm(seed + 2, 40.0)], [calm(seed + 3, 40.0)]
+    share, count = traced("before", train, test)
+    yield Settled(effect, "before", 120.0, share, math.nan, count)
+    if count < 2:
+        return
+    plan = h.next_drive(folder / "before", limits={"lateral_acceleration": 4.0}, effort=effort, seed=seed)
+    further = [
+        simulated(truth, h.drive(**{**table, "name": f"{name}-{turn}"}), seed + 100 + 10 * number + turn)
+        for number, (name, (table, times)) in enumerate(plan.drives.items())
+        for turn in range(times)
+    ]
+    seconds = sum(float(d["time"][-1]) for d in further)
+    wanted = {m: r["expected"] for m, r in plan.expected["models"].items()}
+    expected = wanted.get(words(effect.replace("@", " ")), math.nan)
+    arms = {
+        "designed": further,
+        "as before": [calm(seed + 50 + i, float(d["time"][-1])) for i, d in enumerate(further)],
+    }
+    for arm, drives in arms.items():
+        share, count = traced(arm, [*train, *drives[::2]], [*test, *drives[1::2]])
+        yield Settled(effect, arm, seconds, share, expected if arm == "designed" else math.nan, count)
+
+
+def _traces(count: int, seed: int, effort: int) -> None:
+    table = Table(title="probability of the right model within the confusable set")
+    for column in ("right", "drives", "s", "models", "expected", "reached"):
+        table.add_column(column, justify="left" if column in ("right", "drives") else "right")
+    for number, (effect, values) in enumerate(EFFECTS[:count]):
+        with tempfile.TemporaryDirectory(prefix="next-drive-") as folder:
+            for s in settled(effect, values, Path(folder), seed + 1000 * number, effort):
+                row = [s.right, s.arm, f"{s.seconds:.0f}", f"{s.set_size}", f"{s.expected:.3f}", f"{s.share:.3f}"]
+                table.add_row(*row)
+                Console(stderr=True).print(" ".join(row))
+    Console().print(table)
+
+
 def main() -> None:
     """Measure and print."""
     parser = Parser(description=__doc__)
     parser.add_argument("--cases", type=int, default=len(CASES), metavar="N", help="only the first cases")
     parser.add_argument("--effort", type=int, default=40, metavar="N", help="drives tried of each manoeuvre")
     parser.add_argument("--seed", type=int, default=0, help="of the noise")
+    parser.add_argument("--traces", type=int, metavar="N", help="the first traces, in place of identifications")
     chosen = parser.parse_args()
+    if chosen.traces:
+        _traces(chosen.traces, chosen.seed, chosen.effort)
+        return
     table = Table(title="standard errors before, expected and reached")
     for column in ("case", "parameter", "before", "expected", "reached", "ratio", "off", "design, s"):
         table.add_column(column, justify="left" if column in ("case", "parameter") else "right")

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
+import json
 import shlex
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from harness.common.files import json_text, toml_text
+from harness.common.errors import UserError
+from harness.common.files import json_text, read_text, toml_text
+from harness.common.places import inside, remove
 from harness.config import DriveSpec
 from harness.experiment.contract import Expectation
 from harness.experiment.design import Tried
@@ -40,6 +44,13 @@ def contents(designed: Designed) -> dict[str, str]:
         DRIVES: toml_text({"drive": drives}, heading),
         **tables,
     }
+
+
+def remove_earlier(folder: Path) -> None:
+    """Remove the tables of a plan that is in a folder, which another sequence would leave there."""
+    with contextlib.suppress(UserError, ValueError, KeyError, TypeError):
+        for entry in json.loads(read_text(folder / RESULT))["sequence"]:
+            remove(inside(folder, f"{Path(entry['name']).name}.csv"))
 
 
 def table(drive: DriveSpec, name: str) -> dict[str, Any]:

@@ -75,6 +75,8 @@ def read_fit(folder: Path) -> KeptFit:
     """
     posterior = read_posterior(str(folder), Path(), "next-drive")  # which refuses what no fit writes
     content: dict[str, Any] = json.loads(read_text(posterior.file))
+    if not (folder / "parameters.toml").is_file():
+        raise UserError(f"{folder}: holds no parameters.toml; drives are planned for models of the library alone")
     if not content["correlation"]:
         raise UserError(
             f"{posterior.file}: the method '{content.get('method')}' states no uncertainty; fit by likelihood"
@@ -163,18 +165,20 @@ class EstimationGoal:
         for name in wanted:
             if name not in names:
                 raise UserError(f"for: '{name}' is no fitted parameter of the model{closest(name, names)}")
-        unsettled = [n for n in names if fit.estimates[n][2] != "determined"]
-        self.wanted = dict(wanted) or dict.fromkeys(unsettled or names, 1.0)
-        model = fit.spec.model()
-        variances = np.array([fit.spec.measurement_noise[o] for o in model.outputs])
+        held = [n for n in fit.estimates if fit.estimates[n][2] == _HELD]
+        if lost := [n for n in wanted if n in held]:
+            raise UserError(f"for: '{lost[0]}' ended at its bound, where it is held; fit it again from elsewhere")
+        moved = [n for n in names if n not in held]
+        unsettled = [n for n in moved if fit.estimates[n][2] != "determined"]
+        self.wanted = dict(wanted) or dict.fromkeys(unsettled or moved, 1.0)
+        if not self.wanted:
+            raise UserError("for: every parameter of the fit ended at its bound; there is nothing to be determined")
+        self.held = [n for n in held if n in names]
+        variances = np.array([fit.spec.measurement_noise[o] for o in fit.spec.model().outputs])
         space = Coordinates.of(fit.spec, names, variances)
-        kept = [c for c in space.coordinates if fit.estimates.get(c.name, (0.0, 0.0, "at its bound"))[2] != _HELD]
+        kept = [c for c in space.coordinates if c.name in fit.estimates and c.name not in held]
         self.space = space.with_coordinates(kept)
         self.names = [c.name for c in kept]
-        if lost := [n for n in self.wanted if n not in self.names]:
-            raise UserError(
-                f"for: '{lost[0]}' ended at its bound, where no drive is told apart; fit it again from there"
-            )
         self.rows = [self.names.index(n) for n in self.wanted]
         self.weights = np.array([*self.wanted.values()])
         self.before = self._information()
@@ -242,7 +246,7 @@ class EstimationGoal:
             errors.append(f"{words(name)} to ±{_error(pair[1])} {print_unit(c.unit)}".strip())
         return Expectation(
             words=listed(errors),
-            open=(*still, *self._confounded(told), *self._coloured()),
+            open=(*still, *self._confounded(told), *self._cautions()),
             record={"parameters": record},
             header=["parameter", "estimate", "standard error now", "expected"],
             rows=rows,
@@ -257,11 +261,15 @@ class EstimationGoal:
             if j != i and not (j in self.rows and j < i) and abs(correlation[i, j]) >= CONFOUNDED
         ]
 
-    def _coloured(self) -> list[str]:
+    def _cautions(self) -> list[str]:
+        held = [f"{words(n)}: it ended at its bound, and is held there" for n in self.held]
         if not self.fit.coloured:
-            return []
+            return held
         outputs = listed([words(n) for n in self.fit.coloured])
-        return [f"the innovations of {outputs} are coloured: the model lacks something, and errors will be larger"]
+        return [
+            *held,
+            f"the innovations of {outputs} are coloured: the model lacks something, and errors will be larger",
+        ]
 
 
 _HELD = "at its bound"

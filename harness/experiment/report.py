@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from harness.common.files import write_files
 from harness.experiment.contract import Expectation
 from harness.experiment.design import Tried
-from harness.experiment.files import contents, names_of, written_to
+from harness.experiment.files import contents, names_of, remove_earlier, written_to
 from harness.experiment.limits import UNITS, Limits, stated
 from harness.experiment.run import Designed
 from harness.models.quantities import listed, print_unit, words
@@ -42,6 +42,7 @@ def write_design(designed: Designed, folder: Path, command: str) -> list[Path]:
     Raises:
         UserError: If the folder cannot be written to.
     """
+    remove_earlier(folder)
     return [*write_files(folder, contents(designed)), *report(designed, folder, command).write(folder)]
 
 
@@ -75,7 +76,7 @@ def _for_driver(designed: Designed) -> list[Block]:
             tried.manoeuvre.standard,
             f"{times}",
             f"{tried.rehearsed.seconds:g}",
-            f"{number(3.6 * profile.speed.min())} to {number(3.6 * profile.speed.max())}",
+            " to ".join(dict.fromkeys(number(3.6 * v) for v in (profile.speed.min(), profile.speed.max()))),
             number(np.degrees(np.abs(profile.steering_wheel_angle).max())),
             number(np.abs(tried.rehearsed.motion.lateral_acceleration).max(initial=0.0)),
         ])  # fmt: skip

@@ -51,6 +51,8 @@ def test_drives_are_planned_written_and_taken(fit, tmp_path):
     again = h.drive("from_file", file=str(out / f"{name}.csv"), fade=0.0, cutoff=100.0).profile(car)
     np.testing.assert_allclose(again.speed, profile.speed, rtol=1e-6)
     assert (out / "report.pdf").stat().st_size > 0
+    assert run(fit, "--out", out, "--manoeuvre", "step", "--effort", 2, "--jobs", 1).exit_code == 0
+    assert sorted(p.name for p in out.glob("*.csv")) == ["1-step.csv"]
 
 
 @pytest.mark.parametrize(

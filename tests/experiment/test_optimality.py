@@ -98,5 +98,13 @@ def test_the_fit_is_the_prior_and_a_parameter_at_its_bound_stays():
     assert goal.names == [*FREE, "process_noise m/s"]
     np.testing.assert_allclose(goal.before, np.diag([0.3**-2] * 3 + [0.5**-2]), rtol=1e-9)
     assert goal.value(None) == pytest.approx(math.log(0.3))
+    bound = KeptFit(
+        goal.fit.spec, {**goal.fit.estimates, FREE[0]: (8.0, math.inf, "at its bound")}, goal.fit.correlation
+    )
+    held = EstimationGoal(bound)
+    assert list(held.wanted) == list(FREE[1:])
+    assert any("at its bound" in text for text in held.expectation(None).open)
+    with pytest.raises(UserError, match="ended at its bound"):
+        EstimationGoal(bound, {FREE[0]: 1.0})
     with pytest.raises(UserError, match="closest: mass_over_inertia"):
         EstimationGoal(fitted(), {"mass_over_inertja": 1.0})

@@ -2,16 +2,20 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from harness.common.errors import UserError
 from harness.config import resolve_single
+from harness.config.parameter_set import set_text
 from harness.experiment.contract import total
+from harness.experiment.files import contents
 from harness.experiment.limits import Limits
 from harness.experiment.manoeuvres import Room, chosen
 from harness.experiment.rehearsal import Rehearsal
+from harness.experiment.run import DesignTask, design_drives
 from harness.experiment.separation import Rival, SeparationGoal, read_rivals, unexplained
 
 CAR = {"vehicle": "car", "parameters": "blanco_2021", "tyre": "linear", "sensors": "car_series", "integrator": "rk4"}
@@ -93,6 +97,37 @@ def test_what_stays_open_is_said(goal):
     assert any("inertia" in text and "confusable" in text for text in expectation.open)
     assert any("none of these" in text for text in expectation.open)
     assert expectation.record["models"]["lag"]["share"] == pytest.approx(0.5)
+
+
+def test_the_drives_of_a_trace_are_planned_and_written(goal, tmp_path):
+    spec = goal.model.spec
+    models = [
+        {
+            "added": [[{"name": name, "kind": "effect"}]] if name else [],
+            "share": r.share,
+            "estimates": [
+                {"name": n, "value": v, "standard_error": e}
+                for (n, v), e in zip(r.values.items(), r.errors, strict=True)
+            ],
+            "correlation": r.correlation.tolist(),
+        }
+        for r, name in zip(goal.rivals, ["steering_lag", "yaw_inertia", ""], strict=True)
+    ]
+    outputs = {name: {} for name in spec.model().outputs}
+    content = {"confusable": {"models": models}, "posterior": {"none_of_these": 0.0}, "error": outputs}
+    (tmp_path / "trace.json").write_text(json.dumps(content))
+    (tmp_path / "nominal.toml").write_text(set_text(spec, "test", {}))
+    task = DesignTask(tmp_path, limits=Limits(lateral_acceleration=4.0), manoeuvres=("step", "ramp"), effort=6, jobs=1)
+    designed = design_drives(task)
+    assert designed.plan.ranked[0].manoeuvre.name == "step"
+    ((tried, times),) = designed.plan.sequence
+    assert tried.rehearsed.seconds >= 20.0  # a trace takes no shorter recording
+    assert times % 2 == 0  # as many judge as are fitted
+    record = json.loads(contents(designed)["next_drive.json"])
+    assert record["criterion"] == "T"
+    assert list(record["expected"]["models"]) == ["steering lag", "yaw inertia", "nothing added"]
+    with pytest.raises(UserError, match="of an identification"):
+        design_drives(replace(task, criterion="A"))
 
 
 def test_a_trace_that_left_one_model_or_none_with_estimates_is_refused(tmp_path):
