@@ -28,7 +28,13 @@ from harness.runner.monitor import Bounds, bounds_of
 from harness.study.design import Unit
 
 ENOUGH = 10
-"""Alarms that are allowed in the hours that bounds are from: of fewer their rate is not known."""
+"""Alarms that are allowed in the hours of a round of runs as believed."""
+
+FEW = 5
+"""Alarms that are allowed in the hours within the limits, below which another round is driven."""
+
+ROUNDS = 8
+"""Most rounds."""
 
 MARGIN = 0.01
 """Of its width by which an envelope is wider than what was driven, to either side, so that no rounding decides."""
@@ -39,8 +45,9 @@ FEW_HOURS = 0.1
 
 @dataclass(frozen=True)
 class _Envelope:
-    """What calibration keeps of the runs within their limits: peaks of each, lowest and highest values, presence."""
+    """What calibration keeps: runs of each drive, of those within limits peaks, lowest and highest values, presence."""
 
+    runs: int
     peaks: list[Floats]
     lowest: Floats
     highest: Floats
@@ -83,12 +90,11 @@ def count_monitor(
     if window < 2:
         raise UserError(f"--window {asked.window:g} s: that is no window of samples of {step:g} s; take a longer one")
     with ThreadPoolExecutor(jobs or os.cpu_count()) as pool:
-        half = watcher.study.designs[0].repeats // 2
-        say(f"calibrating on {half} runs of each drive as believed")
-        envelope = _calibrate(watcher, pool, window, half)
+        say("calibrating on runs as believed")
+        envelope = _calibrate(watcher, pool, window, asked.per_hour)
         bounds = calibrated(envelope.peaks, asked.per_hour, window * step)
         monitor = _monitor(watcher, envelope, bounds, window)
-        kept, believed = _as_believed(watcher, monitor.bounds, pool, asked, window, half)
+        kept, believed = _as_believed(watcher, monitor.bounds, pool, asked, window, envelope.runs)
         levels = []
         for index, design in enumerate(watcher.study.designs[1:], 1):
             for band, label in enumerate(design.band_labels):
@@ -111,40 +117,43 @@ def count_monitor(
 
 
 def _repeats(study: StudySpec, asked: Asked) -> int:
-    """Return how many runs of each drive as believed: two halves, each of hours in which some alarms are allowed."""
+    """Return how many runs of each drive as believed there may be: two parts, each of rounds of some alarms allowed."""
     from harness.simulation.drives import profile_of
 
     hours = sum(float(profile_of(study.plant, drive).time[-1]) for drive in study.drives) / 3600.0
     each = max(ENOUGH / asked.per_hour / hours, LANES)
-    return 2 * LANES * math.ceil(each / LANES)
+    return 2 * ROUNDS * LANES * math.ceil(each / LANES)
 
 
-def _calibrate(watcher: Watcher, pool: ThreadPoolExecutor, window: int, half: int) -> _Envelope:
-    """Watch the first half of the runs that are as believed, and keep what those within their limits reach."""
+def _calibrate(watcher: Watcher, pool: ThreadPoolExecutor, window: int, per_hour: float) -> _Envelope:
+    """Watch runs that are as believed, round by round, and keep what those within their limits reach."""
     ports = watcher.estimator.ports
     nu, ny = len(ports.inputs), len(ports.outputs)
     wide = np.full(2 * nu + ny + len(watcher.estimator.signals), np.inf)
     loose = bounds_of(window, (-1.0, 1.0), [1.0] * ny, 0.0, -wide, wide)
     lowest, highest, kept, reached = wide, -wide, [], []
-    there = samples = 0
-    for d, drive in enumerate(watcher.study.drives):
-        for run in watcher.runs(Unit(0, 0, d, 0, 1, 0, half), loose, pool):
-            if not len(run.wrong) or run.wrong.any():
-                continue
-            kept.append(drive.name)
-            reached.append(peaks(run.statistics, window))
-            lowest = np.fmin(lowest, np.fmin.reduce(run.seen, axis=0))
-            highest = np.fmax(highest, np.fmax.reduce(run.seen, axis=0))
-            there += int((~np.isnan(run.seen[:, 2 * nu : 2 * nu + ny])).any(axis=1).sum())
-            samples += len(run.seen)
-    if samples * watcher.study.belief.step < FEW_HOURS * 3600.0 or not there:
+    hour, each = 3600.0 / watcher.study.belief.step, watcher.study.designs[0].repeats // (2 * ROUNDS)
+    there = samples = rounds = 0
+    while rounds == 0 or (0 < samples < FEW / per_hour * hour and rounds < ROUNDS):
+        for d, drive in enumerate(watcher.study.drives):
+            for run in watcher.runs(Unit(0, 0, d, 0, 1, rounds * each, (rounds + 1) * each), loose, pool):
+                if not len(run.wrong) or run.wrong.any():
+                    continue
+                kept.append(drive.name)
+                reached.append(peaks(run.statistics, window))
+                lowest = np.fmin(lowest, np.fmin.reduce(run.seen, axis=0))
+                highest = np.fmax(highest, np.fmax.reduce(run.seen, axis=0))
+                there += int((~np.isnan(run.seen[:, 2 * nu : 2 * nu + ny])).any(axis=1).sum())
+                samples += len(run.seen)
+        rounds += 1
+    if samples < FEW_HOURS * hour or not there:
         limits = ", ".join(watcher.targets)
         raise UserError(
             f"estimator '{watcher.study.estimators[0].name}' keeps the limits of {limits} in {len(kept)} of "
-            f"{half * len(watcher.study.drives)} runs as believed: there is nothing that a monitor could be calibrated "
-            "on; state larger limits, or drives that it manages"
+            f"{rounds * each * len(watcher.study.drives)} runs as believed: there is nothing that a "
+            "monitor could be calibrated on; state larger limits, or drives that it manages"
         )
-    return _Envelope(reached, lowest, highest, 0.5 * there / samples, tuple(dict.fromkeys(kept)))
+    return _Envelope(rounds * each, reached, lowest, highest, 0.5 * there / samples, tuple(dict.fromkeys(kept)))
 
 
 def _monitor(watcher: Watcher, envelope: _Envelope, bounds: Calibrated, window: int) -> Monitor:
@@ -176,13 +185,13 @@ def _monitor(watcher: Watcher, envelope: _Envelope, bounds: Calibrated, window: 
 
 
 def _as_believed(
-    watcher: Watcher, bounds: Bounds, pool: ThreadPoolExecutor, asked: Asked, window: int, half: int
+    watcher: Watcher, bounds: Bounds, pool: ThreadPoolExecutor, asked: Asked, window: int, runs: int
 ) -> tuple[list[Counts], list[Counts]]:
-    """Count the second half of the runs that are as believed: those within their limits, and all."""
+    """Count as many further runs that are as believed: those within their limits, and all."""
     targets, within = len(watcher.targets), round(asked.within / watcher.study.belief.step)
     parts, inside = [], []
     for d in range(len(watcher.study.drives)):
-        for run in watcher.runs(Unit(0, 0, d, 0, 1, half, 2 * half), bounds, pool):
+        for run in watcher.runs(Unit(0, 0, d, 0, 1, runs, 2 * runs), bounds, pool):
             parts.append(counted([run], targets, within, window))
             inside.append(not run.wrong.any())
     both = []
