@@ -12,11 +12,13 @@ from harness.cli.main import app
 from harness.common.errors import UserError
 from harness.common.files import toml_text, write_files
 from harness.config import build_study
+from harness.engine.simd.lanes import LANES
 from harness.realtime.export import run
 from harness.remedy.monitor.answer import answer, sentences
 from harness.remedy.monitor.outcome import Asked
 from harness.remedy.monitor.run import count_monitor
-from harness.runner.monitor import REASONS
+from harness.runner.contract import Held, InputSeries
+from harness.runner.monitor import REASONS, Watching
 from support.exports import COMPILER, made
 from support.observers import CONTENT, needs_compiler
 
@@ -92,6 +94,35 @@ def test_the_c_gives_the_same_verdicts_and_says_the_counts(counted, precision, t
     command = [COMPILER, "-std=c99", "-Wall", "-Werror", "use.c", "foreign_ekf.c", "-o", "use", "-lm"]
     subprocess.run(command, cwd=tmp_path, check=True)
     subprocess.run([tmp_path / "use"], check=True)
+
+
+@needs_compiler
+def test_the_c_gives_the_same_verdicts_where_measurements_are_missing(counted, tmp_path):
+    (tmp_path / "monitor.toml").write_text(counted.monitor.text)
+    exported = run.export(study_of(tmp_path), recorded=(None, 5.0), monitor=tmp_path / "monitor.toml")
+    write_files(tmp_path, exported.files)
+    head, *lines = exported.files["replay.csv"].splitlines()
+    face, table = exported.export.interface, np.array([list(map(float, line.split(","))) for line in lines])
+    names = [q.name for q in (*face.inputs, *face.measurements)]
+    given = table[:, [head.split(",").index(name) for name in names]]
+    inputs, measured = np.split(given, [len(face.inputs)], axis=1)
+    measured[100:160, 0] = measured[300:450] = np.nan
+    measured[200:260, 1] += 5.0
+    rows = (",".join(map(repr, row)) for row in np.column_stack([inputs, measured]).tolist())
+    (tmp_path / "gaps.csv").write_text("\n".join([",".join(names), *rows]) + "\n")
+    made(tmp_path, "all")
+    done = subprocess.run(["./foreign_ekf", "gaps.csv"], cwd=tmp_path, capture_output=True, text=True, check=True)
+    header, *told = done.stdout.splitlines()
+    columns = [header.split(",").index(name) for name in ("trust", "reasons")]
+    in_c = np.array([[float(line.split(",")[c]) for c in columns] for line in told])
+    groups = ("parameters", "process_noise", "measurement_noise", "first", "first_variance")
+    values = [np.repeat(np.array(exported.export.values(g))[:, None], LANES, axis=1) for g in groups]
+    lanes = [np.repeat(each[:, :, None], LANES, axis=2) for each in (inputs, measured)]
+    held = Held(*values[:4], first_variance=values[4])
+    python = exported.estimator.run(InputSeries(lanes[0]), lanes[1], held, Watching(counted.monitor.bounds))
+    assert (in_c == python.told[:, :2, 0]).all()
+    assert {0.0, 1.0, 2.0} == set(in_c[:, 0])
+    assert (in_c[430:450, 1].astype(int) & 32 > 0).all()
 
 
 USE = """#include "foreign_ekf.h"
