@@ -170,8 +170,9 @@ class Settled:
 
 def settled(effect: str, values: dict[str, float], folder: Path, seed: int, effort: int) -> Iterator[Settled]:
     """Yield the trace of a vehicle with an effect, and where it left several models those with further drives."""
-    nominal = h.model(**_CAR)
-    truth = h.model(**_CAR, effects=[effect], values=values, integrator="rk4")
+    nominal = h.model(**_CAR, integrator="rk4")
+    noise = {"process_scale": 1e-3}  # with more of it a trace errs in effects that have states
+    truth = h.model(**_CAR, effects=[effect], values=values, noise=noise, integrator="rk4")
 
     def calm(number: int, seconds: float) -> xr.Dataset:
         return simulated(truth, h.drive("random_sequence", seed=number, duration=seconds, **CALM), number)
