@@ -7,7 +7,7 @@ import pytest
 
 from harness.common.errors import UserError
 from harness.config import resolve_single
-from harness.diagnosis.fitting import Fitting, KeptFits, block_sums
+from harness.diagnosis.fitting import Fitting, KeptFits, ParameterPoint, block_sums
 from harness.diagnosis.model.augmented_model import HeldParameters
 from harness.diagnosis.model.hypotheses import (
     ALL_PARAMETERS,
@@ -21,6 +21,7 @@ from harness.diagnosis.result.outcome import outcome_of, with_effects
 from harness.diagnosis.run import TraceTask, run_trace
 from harness.diagnosis.selection.baseline import about, learnt, of_roads
 from harness.diagnosis.selection.forward_selection import first_variances, trace
+from harness.diagnosis.selection.model_comparison import log_held
 from support.driven_car import CAR, FREE, driven
 
 
@@ -110,6 +111,25 @@ def test_the_joint_prior_pulls_a_fit_and_counts_in_its_information(augmented, ba
     expected = later.held.covariance[np.ix_(order, order)] / np.outer(slopes, slopes)
     deviations = np.sqrt(np.diagonal(np.linalg.pinv(joint, 1e-13, hermitian=True)))
     assert deviations == pytest.approx(np.sqrt(np.diagonal(expected)), rel=0.05)
+
+
+def test_a_model_that_moves_what_earlier_drives_showed_is_less_likely_beforehand(augmented, baseline):
+    """By the normal density of their fit, with the correlations of all; without earlier drives nothing is held."""
+    later = baseline.augmented
+    moved = coordinates(later, (), (), 1)
+    held = [c for c in moved if c.held]
+    values = np.repeat(later.stated()[:, None], 1, axis=1)
+    point = ParameterPoint(values, np.zeros(0), np.zeros(0))
+    fitted = SimpleNamespace(coordinates=moved, point=point)
+    assert log_held(later, fitted) == pytest.approx(0.0, abs=1e-9)
+    step = np.linspace(-1.0, 1.0, len(held)) * 1e-3
+    for c, by in zip(held, step, strict=True):
+        values[c.rows[0]] = c.value(c.centre + by)
+    expected = -0.5 * step @ later.joint_prior(held) @ step
+    assert expected < -1e-6
+    assert log_held(later, fitted) == pytest.approx(expected)
+    plain = SimpleNamespace(coordinates=coordinates(augmented, FREE, (), 1), point=point)
+    assert log_held(augmented, plain) == 0.0
 
 
 def test_block_sums_put_a_short_rest_into_the_last_block():

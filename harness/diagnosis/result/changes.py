@@ -67,8 +67,9 @@ def since(outcome: Outcome, baseline: Baseline) -> Outcome:
 def _verdict(outcome: Outcome, baseline: Baseline) -> Verdict:
     """Return whether nothing changed, what changed was named, or something changed that has no name here.
 
-    Something has no name if the error on the held-out drives is beyond twice what the baseline left of its own, or if
-    what was named ended at a bound of what is possible and so stands for something else.
+    Something has no name if the error on the held-out drives, of the model as the baseline had it as well as of the
+    refitted one, is beyond what its discrepancy allows and what was so in the baseline; or if what was named ended at a
+    bound of what is possible and so stands for something else.
     """
     trace = outcome.trace
     bounds = ends_at_bound(trace.fitting.augmented.model.parameters, trace.final, trace.added)
@@ -76,8 +77,9 @@ def _verdict(outcome: Outcome, baseline: Baseline) -> Verdict:
         return "unresolved"
     if trace.added:
         return "amended"
-    usual = 2.0 * baseline.judged.plain_excess
-    return "adequate" if trace.after.plain_excess <= max(EXCESS, usual) else "unresolved"
+    as_it_was = trace.held_out.judge((), trace.fitting.first())
+    unexplained = min(trace.after.unexplained, as_it_was.unexplained)
+    return "adequate" if unexplained <= max(EXCESS, baseline.judged.unexplained) else "unresolved"
 
 
 def _answer(outcome: Outcome, baseline: Baseline, changes: tuple[Change, ...], verdict: Verdict) -> str:

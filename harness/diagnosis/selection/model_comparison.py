@@ -24,6 +24,7 @@ from harness.common.arrays import Floats
 from harness.diagnosis.criteria import HOPEFUL, HORIZONS, PRIORS, TRIED
 from harness.diagnosis.fitting import FittedHypothesis, Fitting, ParameterPoint
 from harness.diagnosis.innovations.prediction import Ahead, Prediction
+from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, called, hypotheses
 from harness.diagnosis.selection.acceptance import Candidate, Round, same
 from harness.diagnosis.selection.candidate_fits import Added, CandidateFits, own_of
@@ -356,7 +357,10 @@ class _Comparison:
         for h in dict.fromkeys(h for p in predicted for h in p.added if h not in self._alike):
             self._alike[h] = _alike(h, self.rounds, self._odds)
         classes = [[self._alike[h] for h in p.added] for p in predicted]
-        priors = [_log_prior(p, c, self._odds) for p, c in zip(predicted, classes, strict=True)]
+        priors = [
+            _log_prior(p, c, self._odds) + log_held(self.fits.augmented, p.fitted)
+            for p, c in zip(predicted, classes, strict=True)
+        ]
         return _Weighed(predicted, classes, np.array(priors), self._shared(predicted))
 
     def _shared(self, predicted: Sequence[_Predicted]) -> Floats:
@@ -396,6 +400,20 @@ class _Comparison:
         if not any(h.name == ALL_PARAMETERS for h in p.added):
             return -math.inf
         return log_stand_in(p.fitted, p.added, self.fits.fitting.information(p.fitted))
+
+
+def log_held(augmented: AugmentedModel, fitted: FittedHypothesis) -> float:
+    """Return the logarithm of how plausible the moves of a fit are by earlier drives together, over no move.
+
+    A change is taken up by many parameters at once, a little of each, and predicts no worse then. What tells is that
+    the earlier drives contradict these values.
+    """
+    moved = [c for c in fitted.coordinates if c.held]
+    joint = augmented.joint_prior(moved)
+    if joint is None:
+        return 0.0
+    away = np.array([c.coordinate(fitted.point.value(c)) - c.centre for c in moved])
+    return -0.5 * float(away @ joint @ away)
 
 
 def _log_prior(p: _Predicted, classes: Sequence[Alike], odds: dict[tuple[str, str], float]) -> float:
