@@ -107,12 +107,16 @@ class PopulationKeys(TypedDict, total=False):
         correlation: Of two factors each.
         groups: Factors that are ranked as one.
         posterior: Result folder of ``harness identify`` or ``trace``, or a sample in a CSV file.
+        model: Which model of the confusable set of a trace, the likeliest is 1.
+        share: How likely it is that the vehicle is one of this design, in a ratio to the others.
     """
 
     scramblings: int | None
     correlation: Sequence[tuple[str, str, float]] | None
     groups: Mapping[str, Sequence[str]] | None
     posterior: str | None
+    model: int | None
+    share: float | None
 
 
 @keywords(PopulationKeys)

@@ -111,6 +111,16 @@ class DesignTable(StrictTable):
         description="population only: what parameters are drawn from: a result of `harness identify` or `trace`, or a "
         "sample in a CSV file",
     )
+    model: Annotated[StrictInt, Field(ge=1)] | None = Field(
+        default=None,
+        description="with the posterior of a trace: which model of its `confusable` set vehicles are of, the likeliest "
+        "is 1 (default: the amended model)",
+    )
+    share: Annotated[Number, Field(gt=0, le=1)] | None = Field(
+        default=None,
+        description="population only: how likely it is that the vehicle is one of this design, in any ratio to the "
+        "others that state it; the report says how wrong estimates are over all of them",
+    )
     groups: dict[Name, Annotated[list[Name], Field(min_length=1)]] | None = Field(
         default=None, description='population only: factors that are ranked as one, `{ tyre = ["friction", ...] }`'
     )

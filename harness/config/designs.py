@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 from harness.config.bounds import broken_relations, loading_parameters, out_of_bounds
@@ -49,9 +50,11 @@ def resolve_design(raw: DesignTable, key: str, models: Models, problems: Problem
         return None
     whole = raw.sampling == "population"
     scramblings = raw.scramblings or (SCRAMBLINGS if whole else 1)
-    design = DesignSpec(raw.name, factors, raw.samples, raw.repeats, raw.sampling, scramblings)
+    design = DesignSpec(raw.name, factors, raw.samples, raw.repeats, raw.sampling, scramblings, share=raw.share)
     if raw.scramblings is not None and not whole:
         problems.add(f"{key}.scramblings", "scramblings belong to sampling = 'population'; remove the key")
+    if raw.share is not None and not whole:
+        problems.add(f"{key}.share", "a share is of vehicles drawn by sampling = 'population'; remove the key")
     if (correlation := resolve_correlation(raw, factors, key, problems)) is not None:
         design = replace(design, correlation=correlation.matrix, correlation_change=correlation.change)
     design = replace(design, groups=resolve_groups(raw, factors, key, problems))
@@ -71,6 +74,16 @@ def resolve_design(raw: DesignTable, key: str, models: Models, problems: Problem
         case "tolerance":
             return replace(design, factors=tuple(_nested(f, raw.boxes or BOXES) for f in factors))
     return design
+
+
+def check_shares(designs: Sequence[DesignSpec], problems: Problems) -> None:
+    """Note where designs are to be weighed by their shares and cannot be: intervals are by the scramblings."""
+    stated = [d for d in designs if d.share is not None]
+    if len(stated) == 1:
+        problems.add("design", f"'{stated[0].name}' alone states a share; give one to each model, or remove it")
+    elif len({d.scramblings for d in stated}) > 1:
+        counts = ", ".join(f"{d.name} {d.scramblings}" for d in stated)
+        problems.add("design", f"designs with a share need equally many scramblings, not {counts}")
 
 
 def _refuse_twice(raw: DesignTable, key: str, models: Models, problems: Problems) -> None:

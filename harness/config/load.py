@@ -12,7 +12,7 @@ from typing import Any
 from harness.common import registry
 from harness.common.errors import ModelError, UserError
 from harness.common.files import parse_toml, read_text, refuse_control_characters, toml_text
-from harness.config.designs import resolve_design
+from harness.config.designs import check_shares, resolve_design
 from harness.config.entries import (
     drives_of,
     estimator_specs,
@@ -170,6 +170,7 @@ def _resolve(raw: StudyFile, text: str, path: Path) -> StudySpec:
     _refuse_too_many(designs, len(drives), problems)
     histories: list[HistorySpec | None] = []
     if belief is not None and len(designs) == len(raw.design):
+        check_shares(designs, problems)
         _refuse_twice_history(raw, problems)
         histories = [_history(raw, key, designs, drives, belief, problems) for key in raw.histories]
     tolerable = limits(raw, problems)

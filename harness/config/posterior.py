@@ -48,13 +48,14 @@ class Posterior:
     correlation: Floats
 
 
-def read_posterior(name: str, folder: Path, where: str) -> Posterior:
+def read_posterior(name: str, folder: Path, where: str, model: int | None = None) -> Posterior:
     """Return the posterior that a result folder of ``harness identify`` or ``trace`` or a sample in a CSV file holds.
 
     Args:
         name: Folder or file, beside a study or in the working directory.
         folder: Of the study.
         where: Key path, for errors.
+        model: Number of a model of the confusable set of a trace, from 1; by default of what was fitted last.
 
     Raises:
         UserError: If it holds none.
@@ -65,7 +66,9 @@ def read_posterior(name: str, folder: Path, where: str) -> Posterior:
     if path is None:
         lacking = f"no file '{name}'" if is_sample else f"no {' and no '.join(FILES)} in '{name}'"
         raise UserError(f"{where}: there is {lacking}, beside the study or in the working folder")
-    return _of_sample(path) if is_sample else _of_fit(path, where)
+    if is_sample and model is not None:
+        raise UserError(f"{where}: {path} is a sample and has no models; remove 'model'")
+    return _of_sample(path) if is_sample else _of_fit(path, where, model)
 
 
 def _of_sample(path: Path) -> Posterior:
@@ -87,10 +90,11 @@ def _of_sample(path: Path) -> Posterior:
     return Posterior(path, tuple(columns), table.mean(axis=1), tuple(distributions), np.atleast_2d(np.corrcoef(scores)))
 
 
-def _of_fit(path: Path, where: str) -> Posterior:
+def _of_fit(path: Path, where: str, model: int | None) -> Posterior:
     """Return the normal distribution of the estimates of a fit (Laplace's approximation), without those of noise."""
     try:
-        content: Any = json.loads(read_text(path))
+        whole: Any = json.loads(read_text(path))
+        content = whole if model is None else _model_of(whole, model, path, where)
         estimates = content["estimates"]
         kept = [i for i, e in enumerate(estimates) if " " not in e["name"]]  # noise has the name of its signal as well
         table = np.array(
@@ -102,9 +106,11 @@ def _of_fit(path: Path, where: str) -> Posterior:
         )
         names = tuple(str(estimates[i]["name"]) for i in kept)
         correlation = table[np.ix_(kept, kept)] if table.size else np.eye(len(kept))
-    except (ValueError, KeyError, TypeError, IndexError) as error:
+    except UserError:
+        raise
+    except (ValueError, KeyError, TypeError, IndexError, AttributeError) as error:
         raise UserError(f"{where}: {path} is no result of harness identify or trace; run that again") from error
-    if failed := content.get("failed"):
+    if failed := whole.get("failed"):
         raise UserError(f"{where}: {path}: {str(failed).rstrip('.')}; identify again")
     shape, off = (len(names), len(names)), correlation - np.eye(len(correlation))
     if not np.isfinite(values).all() or correlation.shape != shape or not np.abs(off).max(initial=0.0) <= 1.0 + 1e-6:
@@ -114,6 +120,21 @@ def _of_fit(path: Path, where: str) -> Posterior:
     pairs = zip(values.tolist(), errors.tolist(), strict=True)
     distributions = [DistributionTable(kind="truncated_normal", mean=v, std=e) if e > 0 else None for v, e in pairs]
     return Posterior(path, names, values, tuple(distributions), correlation)
+
+
+def _model_of(content: Any, number: int, path: Path, where: str) -> Any:
+    """Return a model of the confusable set of a trace.
+
+    Raises:
+        UserError: If there is none of that number.
+    """
+    models = (content.get("confusable") or {}).get("models") or []
+    if number > len(models):
+        raise UserError(
+            f"{where}: {path} has {len(models)} confusable models; there is no model = {number}. State one of a trace "
+            "that left more, or remove 'model'"
+        )
+    return models[number - 1]
 
 
 def with_posterior(raw: DesignTable, key: str, plant: ModelSpec, folder: Path, problems: Problems) -> DesignTable:
@@ -130,13 +151,15 @@ def with_posterior(raw: DesignTable, key: str, plant: ModelSpec, folder: Path, p
     """
     place = f"{key}.posterior"
     if raw.posterior is None:
+        if raw.model is not None:
+            problems.add(f"{key}.model", "a model is one of the posterior of a trace; state that by 'posterior'")
         return raw
     if raw.sampling != "population":
         problems.add(place, "vehicles are drawn from a posterior by sampling = 'population'; state that")
         return raw
     posterior: Posterior | None = None
     with problems.catch(place):
-        posterior = read_posterior(raw.posterior, folder, problems.at(place))
+        posterior = read_posterior(raw.posterior, folder, problems.at(place), raw.model)
     if posterior is None:
         return raw
     model, own = plant.model(), {factor.parameter for factor in raw.factor}

@@ -45,7 +45,7 @@ def written_out(raw: StudyFile, study: StudySpec) -> list[DesignTable]:
     problems = Problems(str(study.path))
     tables = [with_posterior(t, "design", study.plant, study.path.parent, problems) for t in raw.design]
     problems.stop()
-    return [table.model_copy(update={"posterior": None}) for table in tables]
+    return [table.model_copy(update={"posterior": None, "model": None}) for table in tables]
 
 
 def without_files(study: StudySpec) -> StudySpec:

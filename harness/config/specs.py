@@ -237,6 +237,7 @@ class DesignSpec:
         correlation: Of the normal scores of the factors, one row each; empty where they are independent.
         correlation_change: Largest difference of it from what was stated, which was no correlation matrix.
         groups: Factors that are ranked as one, by the name of the group; they decide no score.
+        share: How likely it is that the vehicle is one of these, in a ratio to other designs; it decides no score.
     """
 
     name: str
@@ -248,6 +249,7 @@ class DesignSpec:
     correlation: tuple[tuple[float, ...], ...] = ()
     correlation_change: float = 0.0
     groups: tuple[tuple[str, tuple[str, ...]], ...] = ()
+    share: float | None = None
 
     @property
     def samples(self) -> int:

@@ -9,6 +9,7 @@ so that the scatter of the quantile adds nothing to its interval.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -98,6 +99,51 @@ def quantile(errors: Floats, share: float, level: float = 0.95) -> Interval:
     below = over_replicates(share, inside, level)
     upper = below.upper if below.upper < 1.0 else 1.0 + 1.0 / errors.size  # beyond the largest error nothing is known
     return Interval(value, at(below.lower), at(upper))
+
+
+def mixture_quantile(several: Sequence[Floats], shares: Sequence[float], share: float, level: float = 0.95) -> Interval:
+    """Return a quantile of errors of which each is with its share from one of several populations; as ``quantile``.
+
+    Args:
+        several: Of each population ``(scrambling, point)``.
+        shares: Of each, which add up to one.
+        share: Probability of the quantile.
+        level: Confidence level.
+    """
+    pooled = np.concatenate([errors.ravel() for errors in several])
+    order = np.argsort(pooled)
+    weights = np.concatenate([np.full(e.size, w / e.size) for w, e in zip(shares, several, strict=True)])
+    up_to = np.cumsum(weights[order])
+    ordered = np.append(pooled[order], np.inf)
+
+    def at(probability: float) -> float:
+        return float(ordered[np.searchsorted(up_to, probability - 1e-12)])
+
+    value = at(share)
+    inside = np.tensordot(shares, [np.mean(errors <= value, axis=1) for errors in several], 1)
+    below = over_replicates(share, inside, level)
+    return Interval(value, at(max(below.lower, 0.0)), at(below.upper))
+
+
+def between_share(several: Sequence[Floats], shares: Sequence[float], level: float = 0.95) -> Interval:
+    """Return the share of the variance of an error that is gone once it is known from which population the vehicle is.
+
+    By the law of total variance, ``Var E[Y | model] / Var Y``, of which the interval is by the scramblings.
+
+    Args:
+        several: Of each population ``(scrambling, point)``, finite.
+        shares: Of each, which add up to one.
+        level: Confidence level.
+    """
+
+    def of(errors: Sequence[Floats]) -> Floats:
+        means, variances = (np.array([f(each, axis=-1) for each in errors]) for f in (np.mean, np.var))
+        between = np.tensordot(shares, np.square(means - np.tensordot(shares, means, 1)), 1)
+        return np.asarray(between / (between + np.tensordot(shares, variances, 1)))
+
+    value = float(of([e.ravel() for e in several]))
+    interval = over_replicates(value, of(several) - value, level)
+    return Interval(value, max(interval.lower, 0.0), min(interval.upper, 1.0))
 
 
 def tail_interval(errors: Floats, share: float = TAIL, level: float = 0.95) -> Interval:

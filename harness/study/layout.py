@@ -282,4 +282,5 @@ def words(study: StudySpec) -> dict[str, Any]:
             else {}
         ),
         **({"groups": json.dumps(groups)} if (groups := {d.name: d.groups for d in study.designs if d.groups}) else {}),
+        **({"shares": json.dumps(shares)} if (shares := {d.name: d.share for d in study.designs if d.share}) else {}),
     }

@@ -120,6 +120,81 @@ def test_a_sample_that_is_none_is_refused_in_words(study, tmp_path, text, said):
         study(posterior="sample.csv")
 
 
+MODELS = [
+    (0.7, {"mass": (1600.0, 20.0), "yaw_inertia": (2400.0, 150.0), "measurement_noise yaw_rate": (1e-5, 1e-7)}, 0.8),
+    (0.3, {"mass": (1700.0, 5.0), "steering_lag": (0.1, 0.005)}, -0.5),
+]
+MIXED = [
+    {"name": name, "sampling": "population", "samples": 512, "posterior": "traced", "model": number, "share": share}
+    for name, number, share in (("plain", 1, 0.7), ("lag", 2, 0.3))
+]
+
+
+@pytest.fixture
+def mixed(tmp_path, monkeypatch):
+    """Return what builds a study of a trace that left two models, with one key of the second design changed."""
+    monkeypatch.chdir(tmp_path)
+    models = []
+    for share, estimates, correlation in MODELS:
+        table = np.eye(len(estimates))
+        table[0, 1] = table[1, 0] = correlation
+        rows = [{"name": n, "value": v, "standard_error": e} for n, (v, e) in estimates.items()]
+        models.append({"added": [], "share": share, "estimates": rows, "correlation": table.tolist()})
+    (tmp_path / "traced").mkdir()
+    (tmp_path / "traced/trace.json").write_text(json.dumps({**models[0], "confusable": {"models": models}}))
+
+    def built(**changed):
+        plant = CONTENT["plant"] | {"effects": ["steering_lag"]}
+        second = {k: v for k, v in (MIXED[1] | changed).items() if v is not None}
+        return build_study({**CONTENT, "plant": plant, "design": [MIXED[0], second]}, "posterior.toml")
+
+    return built
+
+
+def test_each_model_of_a_trace_is_drawn_as_its_own_estimates_scatter(mixed):
+    built = mixed()
+    assert built.plant.values["steering_lag"] == 0.0  # of what is not that model's
+    assert [d.share for d in built.designs] == [0.7, 0.3]
+    for design, (_, estimates, correlation) in zip(built.designs, MODELS, strict=True):
+        names = [n for n in estimates if " " not in n]
+        assert [f.parameter for f in design.factors] == names
+        drawn = points(built, design).values.reshape(-1, 2)
+        values, errors = zip(*(estimates[n] for n in names), strict=True)
+        np.testing.assert_allclose(drawn.mean(axis=0), values, rtol=2e-4)
+        np.testing.assert_allclose(drawn.std(axis=0), errors, rtol=0.01)
+        assert np.corrcoef(drawn.T)[0, 1] == pytest.approx(correlation, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"model": 3}, "has 2 confusable models; there is no model = 3"),
+        ({"posterior": None}, "model is one of the posterior of a trace"),
+        ({"posterior": "sample.csv"}, "is a sample and has no models"),
+        ({"share": None}, "'plain' alone states a share"),
+        ({"share": 0.0}, "greater than 0"),
+        ({"scramblings": 16}, "equally many scramblings, not plain 8, lag 16"),
+    ],
+)
+def test_models_that_cannot_be_weighed_are_refused_in_words(mixed, tmp_path, changed, said):
+    (tmp_path / "sample.csv").write_text("mass\n1600\n1700\n")
+    with pytest.raises(UserError, match=said):
+        mixed(**changed)
+
+
+def test_a_store_keeps_the_models_and_their_shares(mixed, tmp_path):
+    from harness.config.self_contained import self_contained
+
+    built = mixed()
+    (tmp_path / "again.toml").write_text(self_contained(built))
+    (tmp_path / "traced/trace.json").unlink()
+    again = load_study(tmp_path / "again.toml")
+    assert [d.share for d in again.designs] == [0.7, 0.3]
+    assert [f.marginal for d in again.designs for f in d.factors] == [
+        f.marginal for d in built.designs for f in d.factors
+    ]
+
+
 def test_python_states_it_as_a_file_does(study):
     wanted = study().designs[0]
     stated = api_design("open", sampling="population", samples=512, posterior="fit")

@@ -8,7 +8,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import zarr
+from scipy.special import ndtr, ndtri
 
+from harness.study.exceedance import between_share, mixture_quantile
 from harness.study.report import analyse, write_report
 from harness.study.report.sections import exceedance, shares
 from support import synthetic
@@ -105,3 +107,40 @@ def test_how_much_of_the_error_remains_is_the_ratio_of_the_variances():
     assert "25 % (25 to 25 %) of the variance" in sentence
     assert sentence.index("tolerances") < sentence.index("posterior")
     assert exceedance.narrowed([narrow]) == []
+
+
+def test_over_all_models_errors_are_those_of_the_mixture():
+    """Of normal errors about 1 and 2 with shares of 0.7 and 0.3: in closed form."""
+    x = ndtri((np.arange(8 * 1024) + 0.5) / (8 * 1024))
+    x = np.random.default_rng(0).permutation(x).reshape(1, 1, 8, 1024)
+    target = SimpleNamespace(words="lateral velocity", unit="m/s")
+
+    def population(name, share, mean, size):
+        design = SimpleNamespace(name=name, targets=[target], estimators=["EKF"])
+        rmse = mean + size * x
+        return SimpleNamespace(design=design, rmse=rmse, best=lambda _: 0, share=share, limits={0: 1.9})
+
+    several = [population("plain", 1.4, 1.0, 0.1), population("lag", 0.6, 2.0, 0.2)]  # in any ratio
+    errors, shares_ = [p.rmse[0, 0] for p in several], [0.7, 0.3]
+    for share in (0.5, 0.95):
+        interval = mixture_quantile(errors, shares_, share)
+        below = 0.7 * ndtr((interval.value - 1.0) / 0.1) + 0.3 * ndtr((interval.value - 2.0) / 0.2)
+        assert below == pytest.approx(share, abs=2e-4)
+        assert interval.lower < interval.value < interval.upper
+    between = 0.7 * 0.3 * 1.0
+    whole = between + 0.7 * 0.1**2 + 0.3 * 0.2**2
+    part = between_share(errors, shares_)
+    assert part.value == pytest.approx(between / whole, abs=1e-3)
+    assert part.lower < between / whole < part.upper
+    (sentence,) = exceedance.mixed([several[0], population("tolerances", None, 9.0, 1.0), several[1]])
+    assert "if “plain” is right (70 %)" in sentence
+    assert "tolerances" not in sentence
+    assert f"makes {100 * part.value:.3g} %" in sentence
+    assert "with a probability of 20.7 %" in sentence  # 0.3 * 0.691
+    assert exceedance.mixed(several[:1]) == []
+
+
+def test_a_quantile_over_models_that_lose_runs_is_infinite_where_those_lie():
+    errors = [np.ones((8, 16)), np.full((8, 16), np.inf)]
+    assert mixture_quantile(errors, [0.7, 0.3], 0.5).value == 1.0
+    assert mixture_quantile(errors, [0.7, 0.3], 0.95).value == np.inf

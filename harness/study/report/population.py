@@ -30,8 +30,12 @@ class Population:
 
     def __init__(self, design: Design, seed: int, attributes: Mapping[str, Any]) -> None:
         self.design, self._ranking, self._attributes = design, Ranking(design, seed), attributes
-        stored = attributes.get("groups") or {}
-        self._stated: dict[str, list[list[Any]]] = json.loads(stored) if isinstance(stored, str) else stored
+        self._stated: dict[str, list[list[Any]]] = self._stored("groups")
+
+    def _stored(self, name: str) -> Any:
+        """Return what a store holds by design as JSON."""
+        stored = self._attributes.get(name) or {}
+        return json.loads(stored) if isinstance(stored, str) else stored
 
     @property
     def scramblings(self) -> int:
@@ -43,6 +47,12 @@ class Population:
         """Correlation of the normal scores of the factors, ``(factor, factor)``."""
         stored = self.design.data.attrs.get("correlation")
         return np.eye(len(self.design.factors)) if stored is None else np.array(json.loads(stored), dtype=float)
+
+    @cached_property
+    def share(self) -> float | None:
+        """How likely it is that the vehicle is one of these, in a ratio to other designs; ``None`` if not stated."""
+        share: float | None = self._stored("shares").get(self.design.name)
+        return share
 
     @cached_property
     def groups(self) -> dict[str, list[int]]:

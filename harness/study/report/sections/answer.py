@@ -91,10 +91,17 @@ def _of_the_box(analysis: Analysis) -> list[Block]:
     boxes = [f for f in analysis.findings if f.design.sampling == "saltelli" and not f.design.count(PENDING)]
     items = [("What drives the error?", " ".join(sensitivity.in_short(f.ranking))) for f in boxes]
     whole = [f for f in analysis.findings if f.design.sampling == "population" and not f.design.count(PENDING)]
-    items += [("How often is a limit exceeded?", " ".join(exceedance.in_short(f.population))) for f in whole]
+    within = {f.design.name: f" in “{f.design.name}”" if len(whole) > 1 else "" for f in whole}
+    items += [
+        (f"How often is a limit exceeded{within[f.design.name]}?", " ".join(exceedance.in_short(f.population)))
+        for f in whole
+    ]
     items += [("How rare?", " ".join(exceedance.rare(analysis, f.design))) for f in whole]
     items += [("How much remains?", " ".join(exceedance.narrowed([f.population for f in whole])))]
-    items += [("What makes the error vary?", " ".join(shares.in_short(f.population))) for f in whole]
+    items += [("How wrong over all models?", " ".join(exceedance.mixed([f.population for f in whole])))]
+    items += [
+        (f"What makes the error vary{within[f.design.name]}?", " ".join(shares.in_short(f.population))) for f in whole
+    ]
     limits = limits_of(analysis.store.attributes)
     for nested in (d for d in analysis.store.designs if d.sampling == "tolerance" and not d.count(PENDING)):
         limits_borne = tolerance.told(nested, limits, tolerances(nested, limits))

@@ -14,7 +14,16 @@ from harness.models.quantities import capital
 from harness.reporting import style
 from harness.reporting.document import Block, Bullets, Picture, Prose, Sheet, plain, strong
 from harness.reporting.style import number, percent, with_unit
-from harness.study.exceedance import QUANTILES, TAIL, Exceedance, exceedance, quantile, tail_interval
+from harness.study.exceedance import (
+    QUANTILES,
+    TAIL,
+    Exceedance,
+    between_share,
+    exceedance,
+    mixture_quantile,
+    quantile,
+    tail_interval,
+)
 from harness.study.report.analysis import Analysis
 from harness.study.report.population import Population
 from harness.study.report.sections.tolerance import uncontrolled
@@ -95,6 +104,40 @@ def narrowed(populations: Sequence[Population]) -> list[str]:
                 widest, *others = sorted(several, key=lambda p: -float(np.var(p.rmse[t, e])))
                 sentences += [_remains(widest, other, t, e) for other in others]
     return sentences
+
+
+def mixed(populations: Sequence[Population]) -> list[str]:
+    """Say how wrong estimates are over all designs that state a share, and how much hangs on which of them is right."""
+    several = [p for p in populations if p.share is not None]
+    if len(several) < 2:
+        return []
+    total = sum(p.share or 0.0 for p in several)
+    shares = [(p.share or 0.0) / total for p in several]
+    likeliest = several[int(np.argmax(shares))]
+    return [_over_all(several, shares, t, likeliest.best(t)) for t in range(len(likeliest.design.targets))]
+
+
+def _over_all(several: Sequence[Population], shares: Sequence[float], t: int, e: int) -> str:
+    """Say of one target how large an estimator's error is over designs by their shares."""
+    errors, design = [p.rmse[t, e] for p in several], several[0].design
+    quantity, estimator = design.targets[t], design.estimators[e]
+    middle, high = (mixture_quantile(errors, shares, share) for share in (0.5, 0.95))
+    each = ", ".join(
+        f"{number(quantile(own, 0.95).value)} if “{p.design.name}” is right ({percent(share)})"
+        for p, own, share in zip(several, errors, shares, strict=True)
+    )
+    text = (
+        f"With {estimator}, over all models by their shares, the error of the {quantity.words} is "
+        f"{number(middle.value)} ({number(middle.lower)} to {number(middle.upper)}) in the median vehicle and "
+        f"{number(high.value)} ({number(high.lower)} to {with_unit(high.upper, quantity.unit)}) at 95 %: {each}."
+    )
+    if all(np.isfinite(own).all() for own in errors) and any(np.ptp(own) > 0 for own in errors):
+        text += f" Which of them is right makes {_share(between_share(errors, shares))} of its variance."
+    if (limit := several[0].limits.get(t)) is not None:
+        parts = np.array([exceedance(own, limit).probability for own in errors])
+        beyond = _share(Interval(*np.tensordot(shares, parts, 1)))
+        text += f" It exceeds {with_unit(limit, quantity.unit)} with a probability of {beyond}."
+    return text
 
 
 def _remains(wide: Population, narrow: Population, t: int, e: int) -> str:
