@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,31 @@ _HEADING = "Vehicles are drawn from what the fit leaves open; estimators believe
 
 _LACKING = "\n{}: the model lacks something,\nso that the vehicle errs by more than this study says (harness trace)."
 
+_MIXED = (
+    "Vehicles are drawn from the models that these recordings do not tell apart, each with its share; estimators\n"
+    "believe the amended one. Run it: harness run {}"
+)
+
+_LEFT_OUT = "\nNot drawn, as their shares are small or the error of a parameter is not known: {}."
+
 POINTS = 64
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """Models that recordings do not tell apart.
+
+    Attributes:
+        effects: Of the plant that can be any of them.
+        values: Of that plant, for whatever one of them moved: where nothing is added.
+        models: Of each the name of its design, its number in the confusable set, from 1, and its share.
+        left_out: The others of that set in words.
+    """
+
+    effects: tuple[str, ...]
+    values: Mapping[str, float]
+    models: tuple[tuple[str, int, float], ...]
+    left_out: tuple[str, ...] = ()
 
 
 def posterior_study(
@@ -32,6 +57,7 @@ def posterior_study(
     errors: Sequence[tuple[str, float]],
     drives: Sequence[DriveData],
     lacks: str = "",
+    mixture: Mixture | None = None,
 ) -> str:
     """Return the text of a study beside the result of an identification or a trace; empty where none can be made.
 
@@ -44,11 +70,12 @@ def posterior_study(
         errors: Parameters that were fitted, and their standard errors.
         drives: Recordings that were fitted.
         lacks: What shows that the model lacks something, which no parameter of it stands for; empty for nothing.
+        mixture: Models that are drawn in place of the parameters of this one, which estimators believe.
     """
     model = spec.model()
     driven = {"steering_wheel_angle", "speed"} <= set(model.inputs)
     known = errors and all(np.isfinite(error) and error > 0 for _, error in errors)
-    if spec.external is not None or not (drives and driven and known):
+    if spec.external is not None or not (drives and driven and (known or mixture)):
         return ""
     speed, steering = (
         np.concatenate([d.inputs[:, model.inputs.index(n)] for d in drives]) for n in ("speed", "steering_wheel_angle")
@@ -84,7 +111,15 @@ def posterior_study(
             *_tolerances(spec, [name for name, _ in errors]),
         ],
     }
-    return toml_text(content, _HEADING.format(STUDY) + (_LACKING.format(lacks) if lacks else ""))
+    heading = _HEADING
+    if mixture is not None:
+        heading = _MIXED + (_LEFT_OUT.format(", ".join(mixture.left_out)) if mixture.left_out else "")
+        content["plant"] |= {"effects": list(mixture.effects), "values": dict(mixture.values)}
+        content["belief"] = {"parameters": file, "effects": list(spec.effects)}
+        like = content["design"].pop(0)
+        each = [{**like, "name": name, "model": number, "share": share} for name, number, share in mixture.models]
+        content["design"] = [*each, *content["design"]]
+    return toml_text(content, heading.format(STUDY) + (_LACKING.format(lacks) if lacks else ""))
 
 
 def _tolerances(spec: ModelSpec, names: Sequence[str]) -> list[dict[str, Any]]:

@@ -357,6 +357,8 @@ def test_the_first_page_and_the_record_say_how_likely_each_explanation_is(outcom
     assert [m["probability"] for m in found["models"]] == pytest.approx([0.688, 0.096, 0.016])
     assert record["confusable"]["mass"] == pytest.approx(0.98)
     assert [len(m["added"][0]) for m in record["confusable"]["models"]] == [1, 2]
+    study = load_study(tmp_path / "posterior.toml")  # which draws from both
+    assert [(d.name, d.share) for d in study.designs[:-1]] == [("steering_lag", 0.86), ("steering_ratio", 0.12)]
 
 
 def test_a_disturbance_without_a_name_makes_it_likelier_that_no_name_is_right(outcome, tmp_path):

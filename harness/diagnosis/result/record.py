@@ -26,12 +26,13 @@ from harness.diagnosis.residuals.unmodelled import UnmodelledDisturbance
 from harness.diagnosis.result.answer import described
 from harness.diagnosis.result.changes import record_of_changes, sizes_of
 from harness.diagnosis.result.confounded import Direction
+from harness.diagnosis.result.mixture import study_of
 from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.result.study_gain import StudyGain
 from harness.diagnosis.selection.acceptance import Candidate, Round
 from harness.diagnosis.selection.posterior import ComparedModel, Posterior
 from harness.diagnosis.selection.validation import Judgement
-from harness.identification.posterior_study import STUDY, posterior_study
+from harness.identification.posterior_study import STUDY
 from harness.identification.result import FILE, series_of
 from harness.models.assembly.placement import load_effect, ports_of, split
 from harness.models.assembly.plan import GroundPlan, planner
@@ -351,15 +352,20 @@ def write_outcome(outcome: Outcome, folder: Path) -> list[Path]:
     Raises:
         UserError: If the folder cannot be written to.
     """
-    written = write_files(folder, {"trace.json": json_text(record(outcome))})
+    content = record(outcome)
+    written = write_files(folder, {"trace.json": json_text(content)})
     if outcome.refused is not None:
-        remove(inside(folder, AMENDED))  # of an earlier trace into the same folder
+        for name in (AMENDED, STUDY):  # of an earlier trace into the same folder
+            remove(inside(folder, name))
     model = outcome.trace.fitting.augmented.model
     written += outcome.failures.attempt(
         FILE, lambda: write_files(folder, {FILE: series_of(outcome.judged, model)}), lambda _: []
     )
-    return written + outcome.failures.attempt(
+    written += outcome.failures.attempt(
         "nominal.toml and amended.toml", lambda: write_files(folder, _models(outcome)), lambda _: []
+    )
+    return written + outcome.failures.attempt(
+        STUDY, lambda: write_files(folder, study_of(outcome, AMENDED, content["confusable"])), lambda _: []
     )
 
 
@@ -373,15 +379,7 @@ def _models(outcome: Outcome) -> dict[str, str]:
     }
     if outcome.refused is not None:  # a model that is worse than the nominal one is not offered
         return nominal
-    study = posterior_study(
-        outcome.amended,
-        AMENDED,
-        [(name, error) for name, _, error in outcome.estimates],
-        outcome.trace.fitting.drives,
-        "The trace is unresolved" if outcome.verdict == "unresolved" else "",
-    )
-    amended = {AMENDED: set_text(outcome.amended, f"harness trace on {names}", comments)}
-    return {**nominal, **amended, **({STUDY: study} if study else {})}
+    return {**nominal, AMENDED: set_text(outcome.amended, f"harness trace on {names}", comments)}
 
 
 def ranking_record(localisation: Localisation, plan: GroundPlan | None) -> list[dict[str, Any]]:
