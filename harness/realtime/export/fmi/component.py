@@ -29,6 +29,7 @@ class ModelVariable:
         type: Of its values.
         start: Of what can be set.
         direct: Whether an output depends on the inputs of the same time.
+        least: What it may be, minus infinity where nothing bounds it; 0 of a variance.
     """
 
     name: str
@@ -38,6 +39,7 @@ class ModelVariable:
     type: Type = "real"
     start: float = 0.0
     direct: bool = False
+    least: float = -math.inf
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,8 @@ class Component:
     def model_header(self) -> str:
         """``fmi_model.h``: the table of the variables, and the functions."""
         rows = [
-            f"    {{\"{_escaped(v.name)}\", '{v.role[0]}', '{v.type[0]}', {_number(v.start)}}}," for v in self.variables
+            f"    {{\"{_escaped(v.name)}\", '{v.role[0]}', '{v.type[0]}', {_number(v.start)}, {_number(v.least)}}},"
+            for v in self.variables
         ]
         return "\n".join([
             f"/* {self.title}: variables by value reference, and the model behind them. */",
@@ -81,7 +84,7 @@ class Component:
             f'#define MODEL_NAME "{self.name}"\n#define MODEL_TOKEN "{self.token}"\n#define MODEL_STEP {self.step!r}',
             f"#define VARIABLES {len(rows)}\n#define TIME {len(rows) - 1}\n",
             "/* Roles: " + ", ".join(f"{r[0]} {r}" for r in _ROLES) + "; types: real, integer, boolean. */",
-            "static const struct {\n    const char *name;\n    char role, type;\n    double start;\n} "
+            "static const struct {\n    const char *name;\n    char role, type;\n    double start, least;\n} "
             "variables[VARIABLES] = {",
             *rows,
             f"}};\n\n{self.functions}",
@@ -92,6 +95,8 @@ _ROLES: tuple[Role, ...] = ("input", "measurement", "valid", "parameter", "outpu
 WITHOUT_UNIT = ("1", "", "dimensionless")
 """What stands for a unit where there is none."""
 
+_VARIANCES = ("process_noise", "measurement_noise", "first_variance")
+
 _CLOCK = ModelVariable("time", "time", "simulation time", "s")
 
 
@@ -100,7 +105,7 @@ def _escaped(name: str) -> str:
 
 
 def _number(value: float) -> str:
-    return "NAN" if math.isnan(value) else repr(float(value))
+    return "NAN" if math.isnan(value) else "-INFINITY" if value == -math.inf else repr(float(value))
 
 
 def _distinct(variables: Iterable[ModelVariable]) -> tuple[ModelVariable, ...]:
@@ -152,7 +157,8 @@ def of_estimator(export: Export, has_covariance: bool, first: Sequence[float]) -
         ModelVariable(
             q.name if group == "parameters" else f"{group}.{q.name}", "parameter",
             f"believed: {_described(q)}" if group == "parameters" else f"believed {meaning}: {_described(q)}",
-            _squared(q.unit) if group.endswith(("noise", "variance")) else q.unit, start=value,
+            _squared(q.unit) if group in _VARIANCES else q.unit, start=value,
+            least=0.0 if group in _VARIANCES else -math.inf,
         )
         for group, meaning in BELIEVED.items()
         for q, value in zip(export.quantities(group), export.values(group), strict=True)

@@ -56,10 +56,9 @@ def description(component: Component, version: int) -> str:
         interface = f"<CoSimulation{_attributes(offers)}><SourceFiles>{files}</SourceFiles></CoSimulation>"
     else:
         interface = f"<CoSimulation{_attributes(offers)}/>"
-    categories = "".join(f'<Category name="logStatus{c}"/>' for c in ("Discard", "Error"))
     return "\n".join([
         _FIRST_LINE, f"<fmiModelDescription{_attributes(head)}>", interface, _units(component.variables, two),
-        f"<LogCategories>{categories}</LogCategories>", f'<DefaultExperiment startTime="0.0" stepSize="{step}"/>',
+        '<LogCategories><Category name="logStatusError"/></LogCategories>', f'<DefaultExperiment startTime="0.0" stepSize="{step}"/>',
         "<ModelVariables>", *(_variable(v, i, component.sampled, two) for i, v in enumerate(component.variables)),
         "</ModelVariables>", "<ModelStructure>", *_structure(component, two), "</ModelStructure>",
         "</fmiModelDescription>",
@@ -126,6 +125,8 @@ def _variable(variable: ModelVariable, reference: int, sampled: bool, two: bool)
     number = _start(variable)
     if variable.type == "real" and variable.unit not in WITHOUT_UNIT:
         number["unit"] = variable.unit
+    if variable.least > -math.inf:
+        number["min"] = repr(variable.least)
     if two:
         kind = {"real": "Real", "integer": "Integer", "boolean": "Boolean"}[variable.type]
         return f"<ScalarVariable{_attributes(whole)}><{kind}{_attributes(number)}/></ScalarVariable>"

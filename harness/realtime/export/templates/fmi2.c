@@ -11,8 +11,7 @@ typedef struct {
 
 static void say(const callbacks *importer, int status, const char *text) {
     if (importer->logger != NULL) {
-        importer->logger(importer->environment, importer->name, (fmi2Status) status,
-                         status == (int) fmi2Discard ? "logStatusDiscard" : "logStatusError", "%s", text);
+        importer->logger(importer->environment, importer->name, (fmi2Status) status, "logStatusError", "%s", text);
     }
 }
 

@@ -10,8 +10,7 @@ typedef struct {
 
 static void say(const callbacks *importer, int status, const char *text) {
     if (importer->logger != NULL) {
-        importer->logger(importer->environment, (fmi3Status) status,
-                         status == (int) fmi3Discard ? "logStatusDiscard" : "logStatusError", text);
+        importer->logger(importer->environment, (fmi3Status) status, "logStatusError", text);
     }
 }
 

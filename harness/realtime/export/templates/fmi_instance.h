@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { IS_OK = 0, IS_DISCARD = 2, IS_ERROR = 3 }; /* as FMI numbers them */
+enum { IS_OK = 0, IS_ERROR = 3 }; /* as FMI numbers them */
 
 typedef enum { INSTANTIATED, INITIALIZING, STEPPING, TERMINATED } phase;
 
@@ -61,14 +61,20 @@ static instance *instantiated(callbacks importer, const char *token) {
     return c;
 }
 
-/* Return what is set and is no number although the model needs it; NULL if there is none. */
-static const char *missing(const instance *c, bool parameters) {
+/* Refuse what is set and is no number, or less than it may be, although the model needs it. */
+static int fit(const instance *c, bool parameters) {
     for (int i = 0; i < VARIABLES; i++) {
-        if ((variables[i].role == 'i' || (parameters && variables[i].role == 'p')) && !isfinite(c->now.values[i])) {
-            return variables[i].name;
+        if (variables[i].role != 'i' && !(parameters && variables[i].role == 'p')) {
+            continue;
+        }
+        if (!isfinite(c->now.values[i])) {
+            return refused(c, IS_ERROR, "is no number: ", variables[i].name);
+        }
+        if (c->now.values[i] < variables[i].least) {
+            return refused(c, IS_ERROR, "is a variance and below zero: ", variables[i].name);
         }
     }
-    return NULL;
+    return IS_OK;
 }
 
 static int enter_initialization(instance *c, double start) {
@@ -88,9 +94,9 @@ static int follow(instance *c) {
     }
     c->now.values[TIME] = time_of(c);
     if (c->now.at == INITIALIZING) {
-        const char *name = missing(c, true);
-        if (name != NULL) {
-            return refused(c, IS_ERROR, "is no number: ", name);
+        const int status = fit(c, true);
+        if (status != IS_OK) {
+            return status;
         }
         model_begin(&c->now.model, c->now.values);
     } else {
@@ -115,7 +121,6 @@ static int exit_initialization(instance *c) {
 static int advance(instance *c, double at, double size) {
     const double count = floor(size / MODEL_STEP + 0.5);
     char text[256];
-    const char *name = missing(c, false);
     if (c->now.at != STEPPING) {
         return refused(c, IS_ERROR, "it cannot step: it is not initialised, or terminated", "");
     }
@@ -126,10 +131,10 @@ static int advance(instance *c, double at, double size) {
     if (!(count >= 1.0 && fabs(size - count * MODEL_STEP) <= 1e-6 * MODEL_STEP)) {
         snprintf(text, sizeof text, "a step of %.9g s is no multiple of %.9g s, which is that of the model", size,
                  MODEL_STEP);
-        return refused(c, IS_DISCARD, text, "");
+        return refused(c, IS_ERROR, text, ""); /* discarded, some importers would try the same step for ever */
     }
-    if (name != NULL) {
-        return refused(c, IS_ERROR, "is no number: input ", name);
+    if (fit(c, false) != IS_OK) {
+        return IS_ERROR;
     }
     for (double i = 1.0; i <= count; i++) {
         model_step(&c->now.model, c->now.values, i == count);
