@@ -120,6 +120,9 @@ def test_a_csv_as_spreadsheets_write_it_and_what_is_refused_of_one(tmp_path):
     assert ran("\ufeff" + "\r\n".join([*quoted, "", ""])).stdout == plain.stdout
     for text, word in (
         ([head, rows[0], "0.02,0.1,15,0.02,0.3"], "line 3: time does not go on by the estimator's step in s"),
+        ([head, *(f"{0.0109 * i},0.1,15,0.02,0.3" for i in range(20))], "line 14: time does not go on by"),
+        ([f"{head}\r{rows[0]}\r{rows[1]}"], "line 1: has carriage returns within"),
+        ([head], "line 1: there is no sample"),
         ([head, rows[0], "0.01,0.1,15,0.02 rad/s,0.3"], "line 3: is no number: 0.02 rad/s"),
         ([head, rows[0], "0.01,0.1,inf,0.02,0.3"], "line 3: is no number: inf"),
         ([head, rows[0], "0.01,0.1,,0.02,0.3"], "line 3: there is no number of the input speed"),
@@ -131,6 +134,8 @@ def test_a_csv_as_spreadsheets_write_it_and_what_is_refused_of_one(tmp_path):
         done = ran("\n".join(text) + "\n")
         assert done.returncode == 2
         assert word in done.stderr
+    jittering = [head, *(f"{0.01 * i + 0.0004 * (-1) ** i},0.1,15,0.02,0.3" for i in range(500))]
+    assert ran("\n".join(jittering) + "\n").returncode == 0
     without = ran("steering_wheel_angle,speed,yaw_rate\n0.1,15,0\n")
     assert without.returncode == 0
     assert "no column 'lateral_acceleration': this measurement is missing throughout" in without.stderr

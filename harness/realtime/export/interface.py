@@ -97,8 +97,8 @@ def _quantities(described: Iterable[tuple[str, str]], values: Sequence[float] = 
     return tuple(quantities)
 
 
-_OWN = """advance bare belief callbacks cells column_of count enter_initialization estimator exit_initialization
-    follow given instance instantiated kept line lines main memory missing model none number phase place
+_OWN = """acceptable advance bare belief callbacks cells column_of count enter_initialization estimator
+    exit_initialization follow given instance instantiated kept line lines main memory model none number phase place
     read_line refused restart restored results room say step steps time_of values variables written"""
 TAKEN = RESERVED.union(_OWN.split())
 """Names that what comes with an estimator has itself."""

@@ -58,7 +58,8 @@ def description(component: Component, version: int) -> str:
         interface = f"<CoSimulation{_attributes(offers)}/>"
     return "\n".join([
         _FIRST_LINE, f"<fmiModelDescription{_attributes(head)}>", interface, _units(component.variables, two),
-        '<LogCategories><Category name="logStatusError"/></LogCategories>', f'<DefaultExperiment startTime="0.0" stepSize="{step}"/>',
+        '<LogCategories><Category name="logStatusError"/></LogCategories>',
+        f'<DefaultExperiment startTime="0.0" stepSize="{step}"/>',
         "<ModelVariables>", *(_variable(v, i, component.sampled, two) for i, v in enumerate(component.variables)),
         "</ModelVariables>", "<ModelStructure>", *_structure(component, two), "</ModelStructure>",
         "</fmiModelDescription>",

@@ -62,7 +62,7 @@ static instance *instantiated(callbacks importer, const char *token) {
 }
 
 /* Refuse what is set and is no number, or less than it may be, although the model needs it. */
-static int fit(const instance *c, bool parameters) {
+static int acceptable(const instance *c, bool parameters) {
     for (int i = 0; i < VARIABLES; i++) {
         if (variables[i].role != 'i' && !(parameters && variables[i].role == 'p')) {
             continue;
@@ -94,7 +94,7 @@ static int follow(instance *c) {
     }
     c->now.values[TIME] = time_of(c);
     if (c->now.at == INITIALIZING) {
-        const int status = fit(c, true);
+        const int status = acceptable(c, true);
         if (status != IS_OK) {
             return status;
         }
@@ -133,7 +133,7 @@ static int advance(instance *c, double at, double size) {
                  MODEL_STEP);
         return refused(c, IS_ERROR, text, ""); /* discarded, some importers would try the same step for ever */
     }
-    if (fit(c, false) != IS_OK) {
+    if (acceptable(c, false) != IS_OK) {
         return IS_ERROR;
     }
     for (double i = 1.0; i <= count; i++) {

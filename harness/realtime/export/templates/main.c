@@ -3,10 +3,12 @@
  *     ./@NAME@ run.csv > estimates.csv
  *     ./@NAME@ check replay.csv 1e-9
  *
- * The first line of the file names its columns; inputs and measurements are looked for by the names in @NAME@.h, in SI
- * units, a line for each sample. Cells are separated by commas and may be in quotes. An empty cell or nan is a
- * measurement that is missing. A column time has to go on by the estimator's step, @STEP@ s. With check the columns of the
- * file that are called as results are compared with these: the largest difference over the largest magnitude. */
+ * The first line of the file names its columns; inputs and measurements are looked for by the names in
+ * @NAME@.h, in SI units, a line for each sample.
+ * Cells are separated by commas and may be in quotes. An empty cell or nan is a measurement that is missing.
+ * A column time has to go on by the estimator's step, @STEP@ s.
+ * With check the columns of the file that are called as results are compared with these: the largest
+ * difference over the largest magnitude. */
 #include "@NAME@.h"
 
 #include <math.h>
@@ -48,6 +50,7 @@ static char *bare(char *cell) {
 static int read_line(FILE *file, const char *path) {
     int count = 0;
     char *at = line;
+    size_t size;
     do {
         if (fgets(line, sizeof line, file) == NULL) {
             return 0;
@@ -56,7 +59,13 @@ static int read_line(FILE *file, const char *path) {
         if (strlen(line) == sizeof line - 1) {
             refused(path, "is too long", "");
         }
-        line[strcspn(line, "\r\n")] = '\0';
+        size = strlen(line);
+        while (size > 0 && strchr("\r\n", line[size - 1]) != NULL) {
+            line[--size] = '\0';
+        }
+        if (strchr(line, '\r') != NULL) {
+            refused(path, "has carriage returns within; end lines by a line feed", "");
+        }
     } while (line[strspn(line, " \t")] == '\0');
     if (lines == 1 && strncmp(line, "\xef\xbb\xbf", 3) == 0) {
         at += 3; /* a byte order mark */
@@ -114,7 +123,7 @@ int main(int argc, char **argv) {
     const char *path = argc > 1 + checks ? argv[1 + checks] : NULL;
     double tolerance = argc > 3 ? strtod(argv[3], NULL) : @TOLERANCE@;
     int columns[GIVEN + 1], expected[RESULTS], count, width, clock, failed = 0;
-    double before = 0.0, values[GIVEN + 1], told[RESULTS], off[RESULTS] = {0.0}, largest[RESULTS] = {0.0};
+    double began = 0.0, before = 0.0, values[GIVEN + 1], told[RESULTS], off[RESULTS] = {0.0}, largest[RESULTS] = {0.0};
     long samples = 0;
     bool outside = false;
     @NAME@_belief belief;
@@ -151,7 +160,11 @@ int main(int argc, char **argv) {
             refused(path, "has more or fewer cells than the first line", "");
         }
         now = number(path, clock);
-        if (clock >= 0 && samples > 0 && !(fabs(now - before - @UPPER@_STEP) < 0.1 * @UPPER@_STEP)) {
+        began = samples == 0 ? now : began;
+        /* Stamps may jitter, but not drift from the step by more than a thousandth. */
+        if (clock >= 0 && samples > 0
+            && !(fabs(now - before - @UPPER@_STEP) < 0.1 * @UPPER@_STEP
+                 && fabs(now - began - (double) samples * @UPPER@_STEP) < @UPPER@_STEP + 0.001 * (now - began))) {
             refused(path, "time does not go on by the estimator's step in s, which is ", "@STEP@");
         }
         before = now;
@@ -177,6 +190,9 @@ int main(int argc, char **argv) {
         samples++;
     }
     fclose(file);
+    if (!checks && samples == 0) {
+        refused(path, "there is no sample behind it", "");
+    }
     for (int i = 0; checks && i < RESULTS; i++) {
         double relative = largest[i] > 0.0 ? off[i] / largest[i] : off[i];
         failed = failed || !(relative <= tolerance);
