@@ -89,7 +89,8 @@ def next_drive(task: NextDriveOptions) -> None:
         written = write_design(designed, out, command())
     expectation = designed.goal.expectation(designed.plan.told)
     ranked = [f"{t.manoeuvre.name}, {t.seconds:g} s: {designed.alone(t).words}" for t in designed.plan.ranked]
-    printed(answer(designed), [*(f"open: {text}" for text in expectation.open), *ranked, *written])
+    refused = [f"{name}: no drive keeps to the limits ({why})" for name, why in designed.plan.refused.items()]
+    printed(answer(designed), [*(f"open: {text}" for text in expectation.open), *ranked, *refused, *written])
 
 
 def _weights(given: Sequence[str]) -> dict[str, float]:

@@ -73,6 +73,8 @@ def read_fit(folder: Path) -> KeptFit:
     Raises:
         UserError: If there is none, it failed, or its method states no uncertainty.
     """
+    if folder.is_file():
+        raise UserError(f"{folder}: is a file; name the folder that harness identify or trace wrote")
     posterior = read_posterior(str(folder), Path(), "next-drive")  # which refuses what no fit writes
     content: dict[str, Any] = json.loads(read_text(posterior.file))
     if not (folder / "parameters.toml").is_file():
@@ -161,6 +163,10 @@ class EstimationGoal:
         seed: int = 0,
     ) -> None:
         self.fit, self.criterion = fit, criterion
+        if criterion != "c" and any(weight != 1.0 for weight in wanted.values()):
+            raise UserError(f"for: weights are those of criterion c; of {criterion} name the parameters alone")
+        if wanted and not any(wanted.values()):
+            raise UserError("for: every weight is zero; there is nothing to be determined")
         names = [n for n in fit.estimates if n in fit.spec.values]
         for name in wanted:
             if name not in names:

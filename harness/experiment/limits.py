@@ -30,8 +30,8 @@ class Limits:
         steering_wheel_angle: Largest magnitude in rad.
         steering_rate: Largest magnitude in rad/s.
         articulation: Largest magnitude of the articulation angle in rad.
-        road_length: Along the first heading, of the path of the first body's CoG, in m.
-        road_width: Across it, in m.
+        road_length: Along the first heading, of the path of each body's CoG, in m.
+        road_width: Across it, of the paths of all together, in m.
         duration: Longest single drive in s.
     """
 
@@ -52,8 +52,11 @@ UNITS = {
 }  # fmt: skip
 """SI unit of each limit."""
 
-_SHORTEST = 5.0
+SHORTEST_DRIVE = 5.0
 """s of a drive at least."""
+
+_EXIT = 1.0
+"""s straight on behind a drive for which there has to be road: until then a driver has turned or braked."""
 
 
 def limits_of(file: Path | None, stated: Mapping[str, object]) -> Limits:
@@ -82,8 +85,8 @@ def limits_of(file: Path | None, stated: Mapping[str, object]) -> Limits:
         raise UserError(
             f"limits: lowest_speed {limits.lowest_speed:g} m/s is above highest_speed {limits.highest_speed:g} m/s"
         )
-    if limits.duration < _SHORTEST:
-        raise UserError(f"limits: duration {limits.duration:g} s is shorter than any manoeuvre, {_SHORTEST:g} s")
+    if limits.duration < SHORTEST_DRIVE:
+        raise UserError(f"limits: duration {limits.duration:g} s is shorter than any manoeuvre, {SHORTEST_DRIVE:g} s")
     return limits
 
 
@@ -97,12 +100,13 @@ class Motion(NamedTuple):
     """How a vehicle moves in a drive.
 
     Attributes:
-        path: ``x`` and ``y`` of the first body's CoG in m; ``None`` if its states do not say.
+        paths: ``x`` and ``y`` of each body's CoG in m, from its own first place, with the exit; none if its states do
+            not say.
         lateral_acceleration: Of each body's CoG in m/s^2 ``(bodies, samples)``.
         articulation: rad ``(samples,)``; zero of one body.
     """
 
-    path: tuple[Floats, Floats] | None
+    paths: tuple[tuple[Floats, Floats], ...]
     lateral_acceleration: Floats
     articulation: Floats
 
@@ -115,16 +119,17 @@ def motion_of(model: StateSpaceModel, values: Mapping[str, Floats], time: Floats
         values: States and inputs over time ``(samples,)``, parameters as numbers, SI.
         time: s ``(samples,)``.
     """
-    path, accelerations = None, []
+    paths, accelerations, exit_steps = [], [], _EXIT / (time[1] - time[0])
     for body in model.bodies:
         moving = velocities(model, body, values)
         if moving is None:
             continue
         forward, lateral, rate = (np.broadcast_to(v, time.shape) for v in moving)
         accelerations.append(np.gradient(lateral, time) + forward * rate)
-        path = path_of((forward, lateral, rate), time) if path is None else path
+        x, y = (np.append(p, p[-1] + exit_steps * (p[-1] - p[-2])) for p in path_of((forward, lateral, rate), time))
+        paths.append((x, y))
     articulation = values.get("articulation_angle", np.zeros(len(time)))
-    return Motion(path, np.array(accelerations).reshape(-1, len(time)), articulation)
+    return Motion(tuple(paths), np.array(accelerations).reshape(-1, len(time)), articulation)
 
 
 def passed_by_driver(profile: Profile, limits: Limits) -> str:
@@ -142,13 +147,14 @@ def passed_by_driver(profile: Profile, limits: Limits) -> str:
 
 def passed_by_vehicle(motion: Motion, limits: Limits) -> str:
     """Return which limit of acceleration, articulation or road a motion passes; empty if none."""
-    x, y = (np.zeros(1), np.zeros(1)) if motion.path is None else motion.path
+    length = max((float(np.ptp(x)) for x, _ in motion.paths), default=0.0)
+    width = float(np.ptp(np.concatenate([np.zeros(1), *(y for _, y in motion.paths)])))  # where all begin
     reached = [
         (float(np.abs(motion.lateral_acceleration).max(initial=0.0)), limits.lateral_acceleration,
          "lateral_acceleration"),
         (float(np.abs(motion.articulation).max()), limits.articulation, "articulation"),
-        (float(np.ptp(x)), limits.road_length, "road_length"),
-        (float(np.ptp(y)), limits.road_width, "road_width"),
+        (length, limits.road_length, "road_length"),
+        (width, limits.road_width, "road_width"),
     ]  # fmt: skip
     return _first(reached)
 

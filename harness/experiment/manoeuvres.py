@@ -14,7 +14,7 @@ from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.registry import closest
 from harness.config import DriveSpec, ModelSpec, single_drive
-from harness.experiment.limits import Limits
+from harness.experiment.limits import SHORTEST_DRIVE, Limits
 
 _LEAST = 0.1
 """Share of what the limits allow at which the gentlest manoeuvre is driven."""
@@ -35,17 +35,20 @@ class Room:
         wheelbase: m.
         ratio: Steering-wheel angle over road-wheel angle.
         short: Duration of a manoeuvre of one steering motion in s.
+        shortest: Of the shortest drive in s; the limits then refuse it where the road is too short.
     """
 
     limits: Limits
     wheelbase: float
     ratio: float
     short: float = 8.0
+    shortest: float = SHORTEST_DRIVE
 
     @classmethod
     def of(cls, spec: ModelSpec, limits: Limits, shortest: float = 0.0) -> Room:
         """Return the room of a model, with the duration of the shortest recording that is taken."""
-        return cls(limits, spec.wheelbase, spec.steering_ratio, max(cls.short, shortest))
+        least = max(cls.shortest, shortest)
+        return cls(limits, spec.wheelbase, spec.steering_ratio, max(cls.short, least), least)
 
     def speed(self, share: float) -> float:
         """Return a speed between the limits in m/s."""
@@ -60,7 +63,7 @@ class Room:
     def duration(self, speed: float, ways_back: bool = False) -> float:
         """Return how long may be driven at a speed in s; the road is as long as it is where nothing turns back."""
         road = math.inf if ways_back else 0.98 * self.limits.road_length / speed
-        return math.floor(10.0 * min(self.limits.duration, road)) / 10.0
+        return max(math.floor(10.0 * min(self.limits.duration, road)) / 10.0, self.shortest)
 
 
 def between(low: float, high: float, share: float) -> float:

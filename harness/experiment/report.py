@@ -16,6 +16,7 @@ from harness.experiment.files import contents, names_of, remove_earlier, written
 from harness.experiment.limits import UNITS, Limits, stated
 from harness.experiment.run import Designed
 from harness.models.quantities import listed, print_unit, words
+from harness.models.roles import DRIVES
 from harness.reporting import style
 from harness.reporting.document import Block, Bullets, Drawing, Listing, Prose, Report, Section, Sheet, plain, strong
 from harness.reporting.style import number, with_unit
@@ -82,22 +83,29 @@ def _for_driver(designed: Designed) -> list[Block]:
         ])  # fmt: skip
         caption = f"{name}: path from above, steering wheel, speed and lateral acceleration. Dashed: limits."
         drawings.append(Drawing(partial(_draw, tried, designed.task.limits, name), caption, f"The drive {name}"))
+    ways = [
+        f"{name}: {_free(t)}. Enter straight ahead at {_for_driver_in(t.rehearsed.profile.speed[0], 'm/s')}; "
+        f"at the end the wheel stands at {_for_driver_in(t.rehearsed.profile.steering_wheel_angle[-1], 'rad')}."
+        for name, (t, _) in zip(names_of(designed), designed.plan.sequence, strict=True)
+    ]
     header = ["drive", "manoeuvre", "times", "s", "km/h", "steering wheel, °", "lateral, m/s²"]
     model = designed.plant.model()
     rate = 1.0 / designed.plant.step
     signals = listed([words(s) for s in dict.fromkeys([*model.outputs, "steering_wheel_angle", "speed"])])
     notes = [
-        "Enter straight ahead at the speed of the first sample; leave straight, or brake where the road ends.",
+        "Leave straight, or brake: the road reaches 1 s straight on behind the end. Its limits are those of the "
+        "paths of centres of gravity; the vehicle needs its own width and length beside them.",
         f"Record {signals} at {rate:g} Hz or more, each drive as a file of its own, from before the entry to the end.",
         *(
             ["Drive each as often to fit as to judge: harness trace --train and --test."]
             if designed.goal.turns > 1
             else []
         ),
-        f"Limits: {_limits(designed.task.limits)}.",
+        f"Limits: {_limits(designed.task.limits, len(model.bodies) > 1)}.",
         f"A steering robot takes {listed([f'{n}.csv' for n in names_of(designed)])}.",
     ]
-    return [Sheet(header, rows, "The drives in their order.", left=2), *drawings, Bullets([plain(n) for n in notes])]
+    sheet = Sheet(header, rows, "The drives in their order.", left=2)
+    return [sheet, Bullets([plain(way) for way in ways]), *drawings, Bullets([plain(n) for n in notes])]
 
 
 def _draw(tried: Tried, limits: Limits, name: str) -> bytes:
@@ -106,13 +114,14 @@ def _draw(tried: Tried, limits: Limits, name: str) -> bytes:
     with style.drawing():
         fig = style.figure(4.6)
         (above, wheel), (speed, lateral) = fig.subplots(2, 2)
-        if motion.path is not None:
-            x, y = motion.path
+        for x, y in motion.paths[:1]:
             above.plot(x, y, color="black")
             above.plot(x[:1], y[:1], marker="o", color="black", ls="")
-            above.set_aspect("equal", adjustable="datalim")
+            to_scale = np.ptp(y) > _NARROW * np.ptp(x)
+            above.set_ylabel("m to the left" if to_scale else "m to the left, not to scale")
+            if to_scale:
+                above.set_aspect("equal", adjustable="datalim")
         above.set_xlabel("m along the first heading")
-        above.set_ylabel("m to the left")
         _over_time(wheel, profile.time, np.degrees(profile.steering_wheel_angle), "steering wheel, °")
         _over_time(speed, profile.time, 3.6 * profile.speed, "speed, km/h")
         for accelerations in motion.lateral_acceleration:
@@ -153,12 +162,26 @@ def _ranked(designed: Designed) -> list[Block]:
     return [*blocks, *([Bullets(refused)] if refused else [])]
 
 
+_SHOWN = {"m/s": (3.6, "km/h"), "rad": (np.degrees(1.0), "°"), "rad/s": (np.degrees(1.0), "°/s")}
+_NARROW = 0.1
+"""Width over length of a path below which its drawing stretches the width."""
+
 _NOT_SHOWN = ("lead_in", "lateral_acceleration_limit", "duration", "fade", "transition")
 
 
 def _free(t: Tried) -> str:
-    options = {k: v for k, v in t.rehearsed.drive.options.items() if k not in _NOT_SHOWN}
-    return ", ".join(f"{words(k)} {number(v) if isinstance(v, float) else v}" for k, v in options.items())
+    drive = t.rehearsed.drive
+    units = {o.name: o.unit for o in DRIVES.load(drive.kind).OPTIONS}
+    options = {k: v for k, v in drive.options.items() if k not in _NOT_SHOWN}
+    return ", ".join(
+        f"{words(k)} {_for_driver_in(v, units[k]) if isinstance(v, float) else v}" for k, v in options.items()
+    )
+
+
+def _for_driver_in(value: float, unit: str) -> str:
+    """Write a quantity in the unit that a driver reads: km/h and degrees."""
+    scale, shown = _SHOWN.get(unit, (1.0, print_unit(unit)))
+    return with_unit(scale * value, shown)
 
 
 def _sensors(designed: Designed) -> list[Block]:
@@ -170,10 +193,11 @@ def _sensors(designed: Designed) -> list[Block]:
     return [Sheet(["sensors", "they measure", "expected"], rows, "The same drives with other sensors.", left=3)]
 
 
-def _limits(limits: Limits) -> str:
+def _limits(limits: Limits, articulated: bool) -> str:
     return ", ".join(
-        f"{words(name)} {'open' if value is None else with_unit(value, print_unit(UNITS[name]))}"
+        f"{words(name)} {'open' if value is None else _for_driver_in(value, UNITS[name])}"
         for name, value in stated(limits).items()
+        if articulated or name != "articulation"
     )
 
 

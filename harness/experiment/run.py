@@ -105,6 +105,11 @@ def design_drives(task: DesignTask, say: Callable[[str], None] = lambda _: None)
     say("compiling")
     goal = _goal(task)
     spec = goal.model.spec
+    if task.limits.duration < goal.shortest or task.budget < goal.turns * goal.shortest:
+        raise UserError(
+            f"{task.folder}: drives of a trace last {goal.shortest:g} s at least, each is driven {goal.turns} times; "
+            f"a duration of {task.limits.duration:g} s and a budget of {task.budget:g} s leave no room for that"
+        )
     rehearsal = Rehearsal(goal.model, spec, goal.versions, goal.recorded, task.limits)
     jobs = task.jobs or os.cpu_count() or 1
     room = Room.of(spec, task.limits, goal.shortest)

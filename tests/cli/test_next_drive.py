@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 import harness as h
 from harness.cli.main import app
 from harness.common.files import read_toml
+from harness.reporting.style import number
 from support.identification import CAR
 
 FREE = ["stiffness_over_load_front", "mass_over_inertia"]
@@ -51,6 +52,10 @@ def test_drives_are_planned_written_and_taken(fit, tmp_path):
     again = h.drive("from_file", file=str(out / f"{name}.csv"), fade=0.0, cutoff=100.0).profile(car)
     np.testing.assert_allclose(again.speed, profile.speed, rtol=1e-6)
     assert (out / "report.pdf").stat().st_size > 0
+    page = (out / "report.html").read_text().partition("What is expected?")[0]
+    assert f"Enter straight ahead at {number(3.6 * profile.speed[0])} km/h" in page
+    assert f"amplitude {number(np.degrees(table['amplitude']))}°" in page
+    assert f"last frequency {number(table['last_frequency'])} Hz" in page
     assert run(fit, "--out", out, "--manoeuvre", "step", "--effort", 2, "--jobs", 1).exit_code == 0
     assert sorted(p.name for p in out.glob("*.csv")) == ["1-step.csv"]
 
@@ -63,6 +68,8 @@ def test_drives_are_planned_written_and_taken(fit, tmp_path):
         (("--limit", "road=3"), "no limit 'road'"),
         (("--limit", "road_width=1 mm", "--effort", 1, "--manoeuvre", "step"), "step: road_width"),
         (("--for", "mass_over_inertia=much", "--criterion", "c"), "write the weight as a number"),
+        (("--for", "mass_over_inertia=2"), "weights are those of criterion c"),
+        (("--for", "mass_over_inertia=0", "--criterion", "c"), "every weight is zero"),
         (("--budget", "1 s", "--effort", 1, "--manoeuvre", "step"), "step: budget"),
     ],
 )
@@ -70,6 +77,19 @@ def test_a_bad_request_is_one_line(fit, tmp_path, words, said):
     done = run(fit, "--out", tmp_path, "--jobs", 1, *words)
     assert done.exit_code == 2, done.output
     assert said in done.stderr.replace("\n", " ")
+
+
+def test_a_manoeuvre_without_a_drive_is_named(fit, tmp_path):
+    done = run(fit, "--out", tmp_path, "--jobs", 1, "--effort", 2, "--manoeuvre", "circle,step", "--limit",
+               "road_length=150 m", "--limit", "road_width=20 m")  # fmt: skip
+    assert done.exit_code == 0, done.output
+    assert "circle: no drive keeps to the limits (road_" in done.output
+
+
+def test_a_file_is_no_result(fit):
+    done = run(fit / "parameters.toml")
+    assert done.exit_code == 2
+    assert "parameters.toml: is a file; name the folder" in done.stderr.replace("\n", " ")
 
 
 def test_a_folder_without_a_fit_is_refused(tmp_path):

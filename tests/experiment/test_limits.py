@@ -5,10 +5,11 @@ import pytest
 
 from harness.common.errors import UserError
 from harness.config import single_drive
-from harness.experiment.limits import Limits, limits_of
+from harness.experiment.limits import Limits, Motion, limits_of, passed_by_vehicle
 from harness.experiment.manoeuvres import MANOEUVRES, Room
 from harness.experiment.rehearsal import Rehearsal
 from harness.identification.innovations import Innovations
+from harness.simulation.drives import profile_of
 from support.identification import CAR, model_of
 
 
@@ -75,6 +76,31 @@ def test_a_drive_is_refused_that_one_version_would_not_survive(car):
     limits = Limits(lateral_acceleration=9.0, duration=20.0)
     assert not isinstance(rehearsed(car, limits, **options), str)
     assert rehearsed(car, limits, versions=2, **options) == "lateral_acceleration"
+
+
+def test_the_road_reaches_straight_on_behind_the_end(car):
+    options = {"kind": "step", "speed": 10.0, "amplitude": 0.3, "duration": 6.0}
+    ((_, y),) = rehearsed(car, Limits(), **options).motion.paths
+    within, behind = np.ptp(y[:-1]), np.ptp(y)
+    assert behind > 1.2 * within
+    assert rehearsed(car, Limits(road_width=0.5 * (within + behind)), **options) == "road_width"
+
+
+def test_the_road_is_that_of_every_body():
+    straight, bent = (np.array([0.0, 50.0]), np.zeros(2)), (np.array([0.0, 40.0]), np.array([0.0, -5.0]))
+    motion = Motion((straight, bent), np.zeros((2, 2)), np.zeros(2))
+    assert passed_by_vehicle(motion, Limits(road_width=6.0)) == ""
+    assert passed_by_vehicle(motion, Limits(road_width=4.0)) == "road_width"
+
+
+@pytest.mark.parametrize("shortest", [0.0, 20.0])
+@pytest.mark.parametrize("manoeuvre", MANOEUVRES, ids=lambda m: m.name)
+def test_no_manoeuvre_is_cut_short_by_a_short_road(car, manoeuvre, shortest):
+    room = Room.of(car.spec, Limits(road_length=20.0, duration=10.0), shortest)
+    drive = manoeuvre.drive(np.full(manoeuvre.free, 0.5), room, manoeuvre.name)
+    assert drive.options["duration"] >= max(5.0, shortest)
+    dwell = drive.kind == "sine_with_dwell"  # 1 s ahead, 1 / 0.7 s and 0.5 s
+    assert not dwell or abs(profile_of(car.spec, drive).steering_wheel_angle[-1]) < 1e-9
 
 
 @pytest.mark.parametrize("manoeuvre", MANOEUVRES, ids=lambda m: m.name)

@@ -128,6 +128,9 @@ def test_the_drives_of_a_trace_are_planned_and_written(goal, tmp_path):
     assert list(record["expected"]["models"]) == ["steering lag", "yaw inertia", "nothing added"]
     with pytest.raises(UserError, match="of an identification"):
         design_drives(replace(task, criterion="A"))
+    for room in ({"budget": 30.0}, {"limits": Limits(duration=10.0)}):
+        with pytest.raises(UserError, match="last 20 s at least, each is driven 2 times"):
+            design_drives(replace(task, **room))
 
 
 def test_a_trace_that_left_one_model_or_none_with_estimates_is_refused(tmp_path):
