@@ -23,7 +23,7 @@ def monitor(
         typer.Option(
             "--limit",
             metavar="TARGET=VALUE",
-            help='Error of a target that matters: lateral_force_axle_21="2 kN"; [limits] of the study if absent.',
+            help='Error of a target that matters: lateral_force_axle_21="2 kN"; limits of the study if absent.',
         ),
     ] = None,
     parameters: Annotated[

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import harness
 from harness.cli.main import app
 from harness.common.errors import UserError
 from harness.common.files import toml_text, write_files
@@ -55,6 +56,12 @@ def test_bounds_are_from_runs_as_believed_and_counts_from_others(counted):
     assert -10.0 < low < -0.05
     assert 0.05 < high < 10.0  # rad/s, not per sample
     assert monitor.nis[0] < 0.0 < monitor.nis[1]
+
+
+def test_hours_of_the_calibration_are_of_samples_where_windows_are_cut(tmp_path):
+    cut = count_monitor(study_of(tmp_path), Asked(LIMITS, 3.0, 60.0, 2.0, 8), jobs=1)  # of drives of 5 s
+    kept = cut.kept[0].samples.sum() * cut.monitor.step / 3600.0
+    assert cut.calibrated.hours == pytest.approx(kept, rel=0.1)
 
 
 def test_a_car_with_its_mass_elsewhere_is_in_error_and_said_to_be(counted):
@@ -180,6 +187,13 @@ def test_what_cannot_be_counted_is_said_in_one_line(tmp_path):
         count_monitor(study, Asked(LIMITS), "ukf")
     with pytest.raises(UserError, match="no window of samples"):
         count_monitor(study, Asked(LIMITS, 0.01), jobs=1)
+    with pytest.raises(UserError, match="--window 1000 s: no drive of study 'foreign' is scored for longer than"):
+        count_monitor(study, Asked(LIMITS, 1000.0), jobs=1)
+    with pytest.raises(UserError, match="--limit yaw_speed: study 'foreign' has no such target"):
+        harness.count_monitor(
+            harness.read_study(write_files(tmp_path, {"study.toml": toml_text(FULL)})[0]),
+            limits={"yaw_speed": "1 deg/s"},
+        )
 
 
 def test_the_command(tmp_path, monkeypatch):

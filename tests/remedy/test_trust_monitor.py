@@ -131,7 +131,7 @@ def run_of(rows, bounds, wrong):
 
 def test_false_alarms_come_as_often_as_is_allowed():
     window, step, allowed = 20, 0.1, 20.0
-    limits = calibrated([peaks(rows, window) for rows in white(3.0, 1, window, step)], allowed, window * step)
+    limits = calibrated([peaks(rows, window) for rows in white(3.0, 1, window, step)], allowed, 3.0)
     assert limits.alarms == pytest.approx(allowed * limits.hours, rel=0.05)
     bounds = (*limits.nis, limits.bias[0])
     fresh = (run_of(rows, bounds, False) for rows in white(3.0, 2, window, step))

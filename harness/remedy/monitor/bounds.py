@@ -47,16 +47,15 @@ def peaks(statistics: Floats, window: int) -> Floats:
     return np.maximum.reduceat(sides, np.arange(0, len(sides), window), axis=0)
 
 
-def calibrated(runs: Sequence[Floats], per_hour: float, window: float) -> Calibrated:
+def calibrated(runs: Sequence[Floats], per_hour: float, hours: float) -> Calibrated:
     """Return bounds.
 
     Args:
         runs: ``peaks`` of each run.
         per_hour: Alarms allowed.
-        window: In s.
+        hours: Of driving in them; the last window of a run may be cut.
     """
     together = np.concatenate(runs)
-    hours = len(together) * window / 3600.0
     typical = np.maximum(np.quantile(together, RARE, axis=0, method="inverted_cdf"), SMALLEST)
     evidence = [(each / typical).max(axis=1) for each in runs]
     allowed = per_hour * hours

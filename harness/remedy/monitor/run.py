@@ -6,7 +6,7 @@ import dataclasses
 import itertools
 import math
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -45,9 +45,10 @@ FEW_HOURS = 0.1
 
 @dataclass(frozen=True)
 class _Envelope:
-    """What calibration keeps: runs of each drive, of those within limits peaks, lowest and highest values, presence."""
+    """What calibration keeps: runs of each drive; of those within limits hours, peaks, range of values, presence."""
 
     runs: int
+    hours: float
     peaks: list[Floats]
     lowest: Floats
     highest: Floats
@@ -80,19 +81,24 @@ def count_monitor(
             f'with --limit, such as --limit {study.targets[0]}="..."'
         )
     for name, limit in asked.limits.items():
-        if name not in study.targets:
-            raise UserError(f"--limit {name}: study '{study.name}' has no such target{closest(name, study.targets)}")
+        check_target(study, name)
         if not limit > 0.0:
             raise UserError(f"--limit {name}: give an error above zero, not {limit:g}")
     say("building models and drives")
-    watcher = Watcher(study, estimator, asked.limits, _repeats(study, asked))
+    lengths = _lengths(study)
+    if asked.window > max(lengths) - study.score_after:
+        raise UserError(
+            f"--window {asked.window:g} s: no drive of study '{study.name}' is scored for longer than "
+            f"{max(lengths) - study.score_after:g} s; take a shorter one"
+        )
+    watcher = Watcher(study, estimator, asked.limits, _repeats(lengths, asked))
     step, window = study.belief.step, round(asked.window / study.belief.step)
     if window < 2:
         raise UserError(f"--window {asked.window:g} s: that is no window of samples of {step:g} s; take a longer one")
     with ThreadPoolExecutor(jobs or os.cpu_count()) as pool:
         say("calibrating on runs as believed")
         envelope = _calibrate(watcher, pool, window, asked.per_hour)
-        bounds = calibrated(envelope.peaks, asked.per_hour, window * step)
+        bounds = calibrated(envelope.peaks, asked.per_hour, envelope.hours)
         monitor = _monitor(watcher, envelope, bounds, window)
         kept, believed = _as_believed(watcher, monitor.bounds, pool, asked, window, envelope.runs)
         levels = []
@@ -116,12 +122,26 @@ def count_monitor(
     return dataclasses.replace(result, monitor=dataclasses.replace(monitor, says=sentences(result)))
 
 
-def _repeats(study: StudySpec, asked: Asked) -> int:
-    """Return how many runs of each drive as believed there may be: two parts, each of rounds of some alarms allowed."""
+def check_target(study: StudySpec, name: str) -> None:
+    """Refuse a limit of what the study has no target of.
+
+    Raises:
+        UserError: If it has none of that name.
+    """
+    if name not in study.targets:
+        raise UserError(f"--limit {name}: study '{study.name}' has no such target{closest(name, study.targets)}")
+
+
+def _lengths(study: StudySpec) -> list[float]:
+    """Return how long each drive is, in s."""
     from harness.simulation.drives import profile_of
 
-    hours = sum(float(profile_of(study.plant, drive).time[-1]) for drive in study.drives) / 3600.0
-    each = max(ENOUGH / asked.per_hour / hours, LANES)
+    return [float(profile_of(study.plant, drive).time[-1]) for drive in study.drives]
+
+
+def _repeats(lengths: Sequence[float], asked: Asked) -> int:
+    """Return how many runs of each drive as believed there may be: two parts, each of rounds of some alarms allowed."""
+    each = max(ENOUGH / asked.per_hour / (sum(lengths) / 3600.0), LANES)
     return 2 * ROUNDS * LANES * math.ceil(each / LANES)
 
 
@@ -153,7 +173,9 @@ def _calibrate(watcher: Watcher, pool: ThreadPoolExecutor, window: int, per_hour
             f"{rounds * each * len(watcher.study.drives)} runs as believed: there is nothing that a "
             "monitor could be calibrated on; state larger limits, or drives that it manages"
         )
-    return _Envelope(rounds * each, reached, lowest, highest, 0.5 * there / samples, tuple(dict.fromkeys(kept)))
+    return _Envelope(
+        rounds * each, samples / hour, reached, lowest, highest, 0.5 * there / samples, tuple(dict.fromkeys(kept))
+    )
 
 
 def _monitor(watcher: Watcher, envelope: _Envelope, bounds: Calibrated, window: int) -> Monitor:
