@@ -52,6 +52,9 @@ def test_bounds_are_from_runs_as_believed_and_counts_from_others(counted):
     monitor = counted.monitor
     assert list(monitor.inputs) == list(monitor.rates)
     assert monitor.inputs["speed"] == (15.0, 15.0)
+    assert monitor.rates["speed"] == (0.0, 0.0)
+    assert "The speed never changes" in sentences(counted)[-1]
+    assert sentences(counted)[-1] in answer(counted)
     low, high = monitor.rates["steering_wheel_angle"]
     assert -10.0 < low < -0.05
     assert 0.05 < high < 10.0  # rad/s, not per sample

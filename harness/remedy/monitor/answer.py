@@ -16,7 +16,7 @@ def sentences(counted: Counted) -> list[str]:
     lines = [_false_alarms(counted)]
     for t in range(len(counted.targets)):
         lines += _detections(counted, t)
-    return [*lines, *_blind(counted)]
+    return [*lines, *_blind(counted), *_unvaried(counted)]
 
 
 def _false_alarms(counted: Counted) -> str:
@@ -90,6 +90,17 @@ def _blind(counted: Counted) -> Iterator[str]:
     yield from (_could(each) for each in counted.told)
 
 
+def _unvaried(counted: Counted) -> Iterator[str]:
+    """Say which inputs no run changes, so that on a vehicle, where they do change, there is no level 0."""
+    names = [words(name) for name, rates in counted.monitor.rates.items() if rates == (0.0, 0.0)]
+    if names:
+        verbs = ("changes", "it does") if len(names) == 1 else ("change", "they do")
+        yield (
+            f"The {listed(names)} never {verbs[0]} within these runs: where {verbs[1]}, the level is 1 at least; "
+            "drives that vary what a vehicle varies are needed for level 0 there."
+        )
+
+
 def _could(told: Told) -> str:
     """Say what measurements tell of a parameter at best."""
     name, own = words(told.parameter), percent(told.own)
@@ -109,7 +120,7 @@ def _could(told: Told) -> str:
 def answer(counted: Counted) -> str:
     """Return the result in a few sentences: false alarms, the worst level of each target, and what is not seen."""
     worst = [_detections(counted, t)[0] for t in range(len(counted.targets))]
-    return " ".join([_false_alarms(counted), *worst, *_blind(counted)])
+    return " ".join([_false_alarms(counted), *worst, *_blind(counted), *_unvaried(counted)])
 
 
 def share(value: float) -> str:
