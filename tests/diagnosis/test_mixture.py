@@ -69,3 +69,13 @@ def test_a_model_of_which_no_error_is_known_is_named_and_not_drawn(outcome):
     assert mixture_of(outcome, None) is None
     (text,) = study_of(outcome, "amended.toml", {"models": [LAG, unknown, NOTHING]}).values()
     assert "# Not drawn, as their shares are small or the error of a parameter is not known: yaw_inertia (0.3)." in text
+
+
+def test_designs_are_called_by_what_the_models_differ_in(outcome):
+    """What all have is no part of a name; a name that is too long for one is a number."""
+    both, rest = LAG | {"added": [*LAG["added"], *GUST["added"]]}, LAG | {"share": 0.1}
+    mixture = mixture_of(outcome, {"models": [both, rest]})
+    assert [name for name, _, _ in mixture.models] == ["crosswind-and-yaw_inertia", "nothing-more"]
+    several = [[{"name": f"stiffness_peak_{k}", "kind": "parameter"}] for k in range(9)]
+    mixture = mixture_of(outcome, {"models": [NOTHING, GUST | {"added": several}]})
+    assert [name for name, _, _ in mixture.models] == ["nothing-added", "model-2"]

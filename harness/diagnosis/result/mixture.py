@@ -65,13 +65,20 @@ def mixture_of(outcome: Outcome, confusable: Mapping[str, Any] | None) -> Mixtur
         for p in replace(amended, effects=effects).model().parameters
         if p.name in moved or p.name not in amended.values
     }
+    common = frozenset[str].intersection(*(frozenset(_added(m)) for _, m in models))
+    names_of = {number: _name(m, number, common) for number, m in models}
     taken = {number for number, _ in drawn}
     return Mixture(
         effects,
         values,
-        tuple((_name(m, number), number, float(m["share"])) for number, m in drawn),
-        tuple(f"{_name(m, number)} ({m['share']:.2g})" for number, m in models if number not in taken),
+        tuple((names_of[number], number, float(m["share"])) for number, m in drawn),
+        tuple(f"{names_of[number]} ({m['share']:.2g})" for number, m in models if number not in taken),
     )
+
+
+def _added(model: Mapping[str, Any]) -> list[str]:
+    """Return the names of what a model has beyond the nominal one, of what is alike the first."""
+    return [alike[0]["name"] for alike in model["added"]]
 
 
 def _is_drawable(model: Mapping[str, Any]) -> bool:
@@ -80,7 +87,8 @@ def _is_drawable(model: Mapping[str, Any]) -> bool:
     return bool(errors) and all(error is not None and math.isfinite(error) and error > 0 for error in errors)
 
 
-def _name(model: Mapping[str, Any], number: int) -> str:
-    """Return the name of a model's design."""
-    name = re.sub(r"[^A-Za-z0-9._-]", ".", "-and-".join(a[0]["name"] for a in model["added"])) or "nothing-added"
+def _name(model: Mapping[str, Any], number: int, common: frozenset[str]) -> str:
+    """Return the name of a model's design: what it has beyond what all models have in common."""
+    own = "-and-".join(name for name in _added(model) if name not in common)
+    name = re.sub(r"[^A-Za-z0-9._-]", ".", own) or ("nothing-more" if common else "nothing-added")
     return name if len(name) <= _LONGEST and name[0].isalnum() else f"model-{number}"
