@@ -116,7 +116,7 @@ class DesignTable(StrictTable):
         description="with the posterior of a trace: which model of its `confusable` set vehicles are of, the likeliest "
         "is 1 (default: the amended model)",
     )
-    share: Annotated[Number, Field(gt=0, le=1)] | None = Field(
+    share: Annotated[Number, Field(gt=0)] | None = Field(
         default=None,
         description="population only: how likely it is that the vehicle is one of this design, in any ratio to the "
         "others that state it; the report says how wrong estimates are over all of them",

@@ -155,6 +155,7 @@ def test_each_model_of_a_trace_is_drawn_as_its_own_estimates_scatter(mixed):
     built = mixed()
     assert built.plant.values["steering_lag"] == 0.0  # of what is not that model's
     assert [d.share for d in built.designs] == [0.7, 0.3]
+    assert mixed(share=3.0).designs[1].share == 3.0  # in any ratio
     for design, (_, estimates, correlation) in zip(built.designs, MODELS, strict=True):
         names = [n for n in estimates if " " not in n]
         assert [f.parameter for f in design.factors] == names
