@@ -78,7 +78,7 @@ def test_a_car_with_its_mass_elsewhere_is_in_error_and_said_to_be(counted):
     assert counted.told == ()
     assert counted.delay(other.counts[0]) < 2.0
     text = " ".join(sentences(counted))
-    assert "At +40 % the lateral velocity is wrong by more than 0.013 m/s in" in text
+    assert "At CoG to front axle +40 % the lateral velocity is wrong by more than 0.013 m/s in" in text
     assert answer(counted).split()[0] == "Where"
 
 

@@ -41,6 +41,13 @@ def called(counted: Counted, level: Level) -> str:
     return f"{level.label} ({level.design})" if several else level.label
 
 
+def named(counted: Counted, level: Level) -> str:
+    """Return what a level is called, behind the name of what it is a value of where that is one factor."""
+    factors = next(d.factors for d in counted.study.designs[1:] if d.name == level.design)
+    is_value = len(factors) == 1 and level.label.lstrip("+-−")[:1].isdigit()
+    return f"{words(factors[0].parameter)} {called(counted, level)}" if is_value else called(counted, level)
+
+
 def limit_of(counted: Counted, t: int) -> str:
     """Write the error of a target that matters."""
     shown = quantity(counted.targets[t])
@@ -63,7 +70,7 @@ def _detections(counted: Counted, t: int) -> list[str]:
     counts, within = first.counts[t], f"{counted.asked.within:g} s"
     kept = f", {share(counted.kept[t].false_share)} in runs that keep the limits" if counted.kept else ""
     text = (
-        f"At {called(counted, first)} {beyond(counted, t)} in {percent(counts.wrong_share)} of the samples; the "
+        f"At {named(counted, first)} {beyond(counted, t)} in {percent(counts.wrong_share)} of the samples; the "
         f"monitor says so in {share(counts.said_share)} of these within {within}, and in "
         f"{share(counted.believed[t].false_share)} of those without such an error where all is as believed{kept}."
     )
@@ -81,7 +88,7 @@ def _blind(counted: Counted) -> Iterator[str]:
         levels = [level for level in counted.levels if level.is_blind(t)]
         if not levels:
             continue
-        names = listed(list(dict.fromkeys(called(counted, level) for level in levels)))
+        names = listed([named(counted, levels[0]), *(called(counted, level) for level in levels[1:])])
         largest = max(level.areas[t].value for level in levels)
         yield (
             f"At {names} the innovations hardly show that {beyond(counted, t)}: they tell a sample in error from one "

@@ -36,7 +36,7 @@ def report(counted: Counted, command: str) -> Report:
         Section(lambda: _bounds(counted), "What does it compare, and with what?"),
         Section(lambda: _made(counted, command), "How was this made?"),
     ]
-    return Report(f"When does {estimator} say that it is not to be trusted?", sections)
+    return Report(f"When does {estimator} of study {counted.study.name} say that it is not to be trusted?", sections)
 
 
 def write_monitor(counted: Counted, out: Path, command: str) -> list[Path]:
