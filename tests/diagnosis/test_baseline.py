@@ -16,7 +16,8 @@ from harness.diagnosis.model.hypotheses import (
     hypotheses,
     random_processes,
 )
-from harness.diagnosis.result.changes import _instead, since
+from harness.diagnosis.result.answer import Change
+from harness.diagnosis.result.changes import _instead, _phrase, since
 from harness.diagnosis.result.outcome import outcome_of, with_effects
 from harness.diagnosis.run import TraceTask, run_trace
 from harness.diagnosis.selection.baseline import about, learnt, of_roads
@@ -83,6 +84,20 @@ def test_rivals_of_a_change_are_named_in_words():
     posterior = SimpleNamespace(confusable=lambda: models)
     said = _instead(SimpleNamespace(posterior=posterior, trace=SimpleNamespace(added=())))
     assert said.endswith("from many parameters at once and axle compliance steer of rear.")
+
+
+@pytest.mark.parametrize(
+    ("hypothesis", "name", "said"),
+    [
+        ("tyre_relaxation@front", "tyre_relaxation_front", "tyre relaxation of front 0.30 ± 0.10 m"),
+        ("payload_shift", "payload_shift", "payload shift 0.30 ± 0.10 m"),
+        ("steering_lag", "steering_time", "steering lag steering time 0.30 ± 0.10 m"),
+    ],
+)
+def test_a_parameter_that_is_called_like_its_change_is_not_named_twice(hypothesis, name, said):
+    h = Hypothesis(hypothesis, "effect", (name,))
+    change = Change(h, name, "m", 0.0, 0.3, 0.1, True)
+    assert _phrase(h, [change], SimpleNamespace(posterior=None)) == said
 
 
 def test_one_earlier_drive_is_refused(tmp_path):

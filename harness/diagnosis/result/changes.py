@@ -103,7 +103,7 @@ def _phrase(h: Hypothesis, changes: list[Change], outcome: Outcome) -> str:
         return f"many parameters changed, which these drives do not tell apart{sure}"
     file, place = split(h.name)
     what = f"{words(file)} of {words(place)}" if place else words(file)
-    sizes = [_size(c, words(c.name) != what) for c in changes]
+    sizes = [_size(c, words(c.name) != what.replace(" of ", " ")) for c in changes]
     return f"{what} {listed(sizes)}{sure}"
 
 
