@@ -228,16 +228,14 @@ def _frames(file: Any, path: str) -> Frames | None:
 def _part(file: Any, index: int) -> Part:
     """Return the frames of a group (ASAM MDF 4.1, bus logging)."""
     places = {c.name.rpartition(".")[2]: i for i, c in enumerate(file.groups[index].channels)}
-
-    def field(name: str) -> Any:
-        return file.get(group=index, index=places[name], ignore_invalidation_bits=True, raw=True)
-
-    identifiers = field("ID")
-    identifier = identifiers.samples.astype(np.uint32)
-    extended = field("IDE").samples.astype(bool) if "IDE" in places else identifier & EXTENDED > 0
+    wanted = [n for n in ("ID", "IDE", "DataBytes", "DataLength", "DLC", "BusChannel") if n in places]
+    # All at once: asking for one by one unpacks the group each time.
+    signals = file.select([(None, index, places[n]) for n in wanted], raw=True, copy_master=False)
+    field = {n: signal.samples for n, signal in zip(wanted, signals, strict=True)}
+    identifier = field["ID"].astype(np.uint32)
+    extended = field["IDE"].astype(bool) if "IDE" in field else identifier & EXTENDED > 0
     identifier = (identifier & 0x1FFFFFFF) | np.where(extended, np.uint32(EXTENDED), np.uint32(0))
-    octets = field("DataBytes").samples
-    octets = octets.reshape(len(identifier), -1)
-    length = field("DataLength").samples if "DataLength" in places else _OF_DLC[field("DLC").samples & 15]
-    bus = field("BusChannel").samples.astype(int) if "BusChannel" in places else np.ones(len(identifier), dtype=int)
-    return identifiers.timestamps.astype(float), identifier, bus, length, octets
+    octets = field["DataBytes"].reshape(len(identifier), -1)
+    length = field["DataLength"] if "DataLength" in field else _OF_DLC[field["DLC"] & 15]
+    bus = field["BusChannel"].astype(int) if "BusChannel" in field else np.ones(len(identifier), dtype=int)
+    return signals[0].timestamps.astype(float), identifier, bus, length, octets
