@@ -17,7 +17,7 @@ from harness.diagnosis.model.hypotheses import (
     random_processes,
 )
 from harness.diagnosis.result.answer import Change
-from harness.diagnosis.result.changes import _instead, _phrase, since
+from harness.diagnosis.result.changes import _answer, _instead, _phrase, since
 from harness.diagnosis.result.outcome import outcome_of, with_effects
 from harness.diagnosis.run import TraceTask, run_trace
 from harness.diagnosis.selection.baseline import about, learnt, of_roads
@@ -84,6 +84,11 @@ def test_rivals_of_a_change_are_named_in_words():
     posterior = SimpleNamespace(confusable=lambda: models)
     said = _instead(SimpleNamespace(posterior=posterior, trace=SimpleNamespace(added=())))
     assert said.endswith("from many parameters at once and axle compliance steer of rear.")
+    nothing = SimpleNamespace(added=(), cut_short="")
+    outcome = SimpleNamespace(posterior=posterior, trace=nothing)
+    said = _answer(outcome, SimpleNamespace(names=("monday", "tuesday")), (), "adequate")
+    assert said.startswith("Nothing has changed since the baseline (monday and tuesday)")
+    assert said.endswith("They do not exclude many parameters at once and axle compliance steer of rear.")
 
 
 @pytest.mark.parametrize(

@@ -88,7 +88,9 @@ def _answer(outcome: Outcome, baseline: Baseline, changes: tuple[Change, ...], v
         return f"The search broke off before everything was tried, so it is not known what changed since {name}."
     if not outcome.trace.added:
         if verdict == "adequate":
-            return f"Nothing has changed since {name} that these drives can show."
+            rivals = _rivals(outcome)
+            open_ = f" They do not exclude {listed(rivals)}." if rivals else ""
+            return f"Nothing has changed since {name} that these drives can show.{open_}"
         return f"Something has changed since {name} that no hypothesis of the library explains."
     order = dict.fromkeys([*(c.hypothesis for c in changes), *outcome.trace.added])
     phrases = [_phrase(h, [c for c in changes if c.hypothesis == h], outcome) for h in order]
@@ -116,13 +118,18 @@ def _size(c: Change, named: bool) -> str:
 
 def _instead(outcome: Outcome) -> str:
     """Return what may have changed instead: what the 90 % set holds besides."""
+    rivals = _rivals(outcome)
+    return f" These drives do not tell it from {listed(rivals)}." if rivals else ""
+
+
+def _rivals(outcome: Outcome) -> list[str]:
+    """Return in words what the 90 % set holds that was not added, four names at most."""
     if outcome.posterior is None:
-        return ""
+        return []
     own = set(outcome.trace.added)
     sets = outcome.posterior.confusable()
     others = [h for m in sets for a in m.added for h in a.hypotheses if h not in own]
-    names = list(dict.fromkeys(called(h.name, " of ") for h in others))
-    return f" These drives do not tell it from {listed(names[:4])}." if names else ""
+    return list(dict.fromkeys(called(h.name, " of ") for h in others))[:4]
 
 
 def sizes_of(augmented: AugmentedModel, point: ParameterPoint, processes: Sequence[Hypothesis]) -> dict[str, Any]:
