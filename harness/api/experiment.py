@@ -93,7 +93,7 @@ class NextDrive(Shown):
     @property
     def open(self) -> tuple[str, ...]:
         """What stays open, in sentences."""
-        return self._designed.goal.expectation(self._designed.plan.told).open
+        return self._designed.goal.expectation(self._designed.plan.evidence).open
 
     @property
     def drives(self) -> dict[str, tuple[dict[str, Any], int]]:
@@ -107,7 +107,7 @@ class NextDrive(Shown):
     @property
     def expected(self) -> dict[str, Any]:
         """What is expected behind the drives, as ``expected`` of ``next_drive.json``."""
-        return dict(self._designed.goal.expectation(self._designed.plan.told).record)
+        return dict(self._designed.goal.expectation(self._designed.plan.evidence).record)
 
     @property
     def ranked(self) -> pd.DataFrame:

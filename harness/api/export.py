@@ -10,7 +10,7 @@ from harness.api._show import Shown
 from harness.api.study import Study
 
 if TYPE_CHECKING:
-    from harness.realtime.export.fmi.component import Component
+    from harness.realtime.export.fmi.component import FmuComponent
 
 
 def export_estimator(
@@ -135,7 +135,7 @@ class _Exported(Shown):
     """
 
     def __init__(
-        self, name: str, answer: str, files: Mapping[str, str], component: Component | None, fmi: int | None
+        self, name: str, answer: str, files: Mapping[str, str], component: FmuComponent | None, fmi: int | None
     ) -> None:
         self.name, self.answer = name, answer
         self.files: dict[str, str | bytes] = dict(files)

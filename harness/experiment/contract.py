@@ -10,18 +10,18 @@ from harness.common.arrays import Floats
 from harness.experiment.rehearsal import Rehearsed
 from harness.identification.filtered_model import FilteredModel
 
-Told = tuple[Floats, ...]
+Evidence = tuple[Floats, ...]
 """What drives tell: arrays that add up from drive to drive."""
 
 
-def total(parts: Sequence[tuple[Told, int]]) -> Told:
+def total(parts: Sequence[tuple[Evidence, int]]) -> Evidence:
     """Return what several drives tell together, each driven so many times."""
-    arrays = zip(*([times * a for a in told] for told, times in parts), strict=True)
+    arrays = zip(*([times * a for a in evidence] for evidence, times in parts), strict=True)
     return tuple(sum(columns[1:], start=columns[0]) for columns in arrays)
 
 
 @dataclass(frozen=True)
-class Expectation:
+class ExpectedOutcome:
     """What is expected behind drives.
 
     Attributes:
@@ -74,11 +74,11 @@ class Goal(Protocol):
     def measure(self) -> str:
         """What the exponential of its value is, in words."""
 
-    def told(self, drive: Rehearsed, /) -> Told:
+    def evidence(self, drive: Rehearsed, /) -> Evidence:
         """Return what a drive tells."""
 
-    def value(self, told: Told | None, /) -> float:
+    def value(self, evidence: Evidence | None, /) -> float:
         """Return the criterion behind drives, the smaller the better; before any with ``None``."""
 
-    def expectation(self, told: Told | None, /) -> Expectation:
+    def expectation(self, evidence: Evidence | None, /) -> ExpectedOutcome:
         """Return what is expected behind drives; before any with ``None``."""

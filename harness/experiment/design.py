@@ -11,8 +11,8 @@ import numpy as np
 from scipy.stats import qmc
 
 from harness.common.arrays import Floats
-from harness.experiment.contract import Goal, Told, total
-from harness.experiment.manoeuvres import Manoeuvre, Room
+from harness.experiment.contract import Evidence, Goal, total
+from harness.experiment.manoeuvres import Manoeuvre, SearchRange
 from harness.experiment.rehearsal import Rehearsal, Rehearsed
 
 _FIRST = 8
@@ -29,13 +29,13 @@ _BATCH = 4
 
 
 @dataclass(frozen=True)
-class Tried:
+class TriedDrive:
     """A drive that keeps to the limits, and what it tells.
 
     Attributes:
         manoeuvre: Its manoeuvre.
         rehearsed: The drive.
-        told: What it tells, driven once.
+        evidence: What it tells, driven once.
         times: How often it is driven: until nothing is left to be driven for, or the budget is spent.
         value: The criterion behind that.
         settles: Whether nothing is left to be driven for then.
@@ -43,7 +43,7 @@ class Tried:
 
     manoeuvre: Manoeuvre
     rehearsed: Rehearsed
-    told: Told
+    evidence: Evidence
     times: int
     value: float
     settles: bool = False
@@ -60,21 +60,21 @@ class Tried:
 
 
 @dataclass(frozen=True)
-class Plan:
+class DrivePlan:
     """Drives of a budget.
 
     Attributes:
         ranked: The best of each manoeuvre, repeated alone, the best first.
         sequence: Drives, each with how often it is driven.
-        told: What the sequence tells.
+        evidence: What the sequence tells.
         value: The criterion behind it.
         refused: Of each manoeuvre without a drive, which limits its drives pass.
         tried: Number of drives that were rehearsed.
     """
 
-    ranked: tuple[Tried, ...]
-    sequence: tuple[tuple[Tried, int], ...]
-    told: Told | None
+    ranked: tuple[TriedDrive, ...]
+    sequence: tuple[tuple[TriedDrive, int], ...]
+    evidence: Evidence | None
     value: float
     refused: dict[str, str]
     tried: int
@@ -88,14 +88,14 @@ class Plan:
 def design(
     goal: Goal,
     rehearsal: Rehearsal,
-    room: Room,
+    room: SearchRange,
     manoeuvres: Sequence[Manoeuvre],
     budget: float,
     effort: int = 20,
     jobs: int = 2,
     seed: int = 0,
     say: Callable[[str], None] = lambda _: None,
-) -> Plan:
+) -> DrivePlan:
     """Return the drives that tell most within a budget of seconds.
 
     Args:
@@ -109,7 +109,7 @@ def design(
         seed: Of the points tried.
         say: Takes a line on what is being done.
     """
-    pool: list[Tried] = []
+    pool: list[TriedDrive] = []
     refused, count = {}, 0
     with ThreadPoolExecutor(jobs) as threads:
         for number, manoeuvre in enumerate(manoeuvres, 1):
@@ -123,27 +123,29 @@ def design(
     best = (min((t for t in pool if t.manoeuvre == m), key=lambda t: t.rank, default=None) for m in manoeuvres)
     ranked = tuple(sorted((t for t in best if t is not None), key=lambda t: t.rank))
     sequence = greedy(goal, pool, budget)
-    told = total([(t.told, times) for t, times in sequence]) if sequence else None
-    value, seconds = goal.value(told), sum(t.rehearsed.seconds * times for t, times in sequence)
+    evidence = total([(t.evidence, times) for t, times in sequence]) if sequence else None
+    value, seconds = goal.value(evidence), sum(t.rehearsed.seconds * times for t, times in sequence)
     if ranked and not (seconds if value <= goal.enough else math.inf, value) < ranked[0].rank:
         sequence = ((ranked[0], ranked[0].times),)
-        told = total([(ranked[0].told, ranked[0].times)])
-    return Plan(ranked, sequence, told, goal.value(told), refused, count)
+        evidence = total([(ranked[0].evidence, ranked[0].times)])
+    return DrivePlan(ranked, sequence, evidence, goal.value(evidence), refused, count)
 
 
-def greedy(goal: Goal, pool: Sequence[Tried], budget: float) -> tuple[tuple[Tried, int], ...]:
+def greedy(goal: Goal, pool: Sequence[TriedDrive], budget: float) -> tuple[tuple[TriedDrive, int], ...]:
     """Return drives of a budget, each time the one with the largest gain per second, with how often each is driven.
 
     They end where nothing is left to be driven for. Where nothing has a value yet, the one with the best value alone
     begins.
     """
     taken: dict[int, int] = {}
-    told: Told | None = None
+    evidence: Evidence | None = None
     spent, value = 0.0, goal.value(None)
     while value > goal.enough and (
         fit := [i for i, t in enumerate(pool) if spent + goal.turns * t.rehearsed.seconds <= budget + 1e-9]
     ):
-        after = [goal.value(total([(pool[i].told, goal.turns), *([(told, 1)] if told else [])])) for i in fit]
+        after = [
+            goal.value(total([(pool[i].evidence, goal.turns), *([(evidence, 1)] if evidence else [])])) for i in fit
+        ]
         if math.isfinite(value):
             gains = [(value - a) / pool[i].rehearsed.seconds for i, a in zip(fit, after, strict=True)]
             k = int(np.argmax(gains))
@@ -153,7 +155,7 @@ def greedy(goal: Goal, pool: Sequence[Tried], budget: float) -> tuple[tuple[Trie
             k = int(np.argmin([a if math.isfinite(a) else pool[i].value for i, a in zip(fit, after, strict=True)]))
         i = fit[k]
         taken[i] = taken.get(i, 0) + goal.turns
-        told = total([(pool[i].told, goal.turns), *([(told, 1)] if told else [])])
+        evidence = total([(pool[i].evidence, goal.turns), *([(evidence, 1)] if evidence else [])])
         spent, value = spent + goal.turns * pool[i].rehearsed.seconds, after[k]
     return tuple((pool[i], times) for i, times in taken.items())
 
@@ -161,10 +163,12 @@ def greedy(goal: Goal, pool: Sequence[Tried], budget: float) -> tuple[tuple[Trie
 class _Search:
     """The search of one manoeuvre."""
 
-    def __init__(self, goal: Goal, rehearsal: Rehearsal, room: Room, manoeuvre: Manoeuvre, budget: float) -> None:
+    def __init__(
+        self, goal: Goal, rehearsal: Rehearsal, room: SearchRange, manoeuvre: Manoeuvre, budget: float
+    ) -> None:
         self.goal, self.rehearsal, self.room, self.manoeuvre = goal, rehearsal, room, manoeuvre
         self.budget, self.rehearsed = budget, 0
-        self.tried: list[Tried] = []
+        self.tried: list[TriedDrive] = []
         self.reasons: set[str] = set()
 
     def run(
@@ -172,7 +176,7 @@ class _Search:
         effort: int,
         random: np.random.Generator,
         share: Callable[
-            [Callable[[Floats], tuple[Floats, Tried | str]], list[Floats]], list[tuple[Floats, Tried | str]]
+            [Callable[[Floats], tuple[Floats, TriedDrive | str]], list[Floats]], list[tuple[Floats, TriedDrive | str]]
         ],
     ) -> None:
         """Try points of the unit cube, then points about the best so far, closer from round to round."""
@@ -194,7 +198,7 @@ class _Search:
             points = [np.clip(best[0] + reach * random.standard_normal(free), 0.0, 1.0) for _ in range(count)]
             reach *= _CLOSER
 
-    def _at(self, point: Floats) -> tuple[Floats, Tried | str]:
+    def _at(self, point: Floats) -> tuple[Floats, TriedDrive | str]:
         """Return the drive at a point, or at a gentler one where it passes a limit, or which it passes at last."""
         point = point.copy()
         reason = "budget"
@@ -213,12 +217,12 @@ class _Search:
             point[0] = max(0.0, point[0] - _EASED)
         return point, reason
 
-    def _judged(self, drive: Rehearsed, most: int) -> Tried:
+    def _judged(self, drive: Rehearsed, most: int) -> TriedDrive:
         """Return what a drive tells that is driven until all is settled, or so many times."""
-        told, enough = self.goal.told(drive), self.goal.enough
+        evidence, enough = self.goal.evidence(drive), self.goal.enough
         most -= most % self.goal.turns
         for times in range(self.goal.turns if math.isfinite(enough) else most, most + 1, self.goal.turns):
-            value = self.goal.value(total([(told, times)]))
+            value = self.goal.value(total([(evidence, times)]))
             if value <= enough:
                 break
-        return Tried(self.manoeuvre, drive, told, times, value, value <= enough)
+        return TriedDrive(self.manoeuvre, drive, evidence, times, value, value <= enough)

@@ -15,8 +15,8 @@ from harness.common.errors import UserError
 from harness.common.files import json_text, read_text, toml_text
 from harness.common.places import inside, remove
 from harness.config import DriveSpec
-from harness.experiment.contract import Expectation
-from harness.experiment.design import Tried
+from harness.experiment.contract import ExpectedOutcome
+from harness.experiment.design import TriedDrive
 from harness.experiment.limits import stated
 from harness.experiment.run import Designed
 
@@ -69,7 +69,7 @@ def record(designed: Designed) -> dict[str, Any]:
         "limits": stated(task.limits),
         "value": {"before": _number(goal.value(None)), "after": _number(plan.value)},
         "seconds": plan.seconds,
-        "expected": _expected(goal.expectation(plan.told)),
+        "expected": _expected(goal.expectation(plan.evidence)),
         "sequence": [
             {**_tried(t), "name": name, "times": times}
             for name, (t, times) in zip(names_of(designed), plan.sequence, strict=True)
@@ -97,7 +97,7 @@ def record(designed: Designed) -> dict[str, Any]:
     }
 
 
-def _tried(t: Tried) -> dict[str, Any]:
+def _tried(t: TriedDrive) -> dict[str, Any]:
     return {
         "manoeuvre": t.manoeuvre.name,
         "standard": t.manoeuvre.standard,
@@ -106,7 +106,7 @@ def _tried(t: Tried) -> dict[str, Any]:
     }
 
 
-def _expected(e: Expectation) -> dict[str, Any]:
+def _expected(e: ExpectedOutcome) -> dict[str, Any]:
     return {"words": e.words, "open": list(e.open), **e.record}
 
 
@@ -114,7 +114,7 @@ def _number(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _robot(tried: Tried, designed: Designed) -> str:
+def _robot(tried: TriedDrive, designed: Designed) -> str:
     """Return what a steering robot takes: time, angle of steering wheel and road wheels, speed, SI units."""
     profile, stream = tried.rehearsed.profile, io.StringIO()
     columns = {

@@ -24,7 +24,7 @@ from harness.common.registry import closest
 from harness.config import ModelSpec
 from harness.config.parameter_set import load_set
 from harness.config.posterior import read_posterior
-from harness.experiment.contract import Expectation, Told
+from harness.experiment.contract import Evidence, ExpectedOutcome
 from harness.experiment.rehearsal import Rehearsed
 from harness.identification.coordinates import Coordinates
 from harness.identification.innovations import Innovations
@@ -220,23 +220,23 @@ class EstimationGoal:
                 points.append(z)
         return tuple(space.candidates(z).values[:, 0] for z in points)
 
-    def told(self, drive: Rehearsed) -> Told:
+    def evidence(self, drive: Rehearsed) -> Evidence:
         """Return the Fisher information of a drive on all coordinates ``(n, n)``."""
         z = self.space.centre
         directions = self.space.directions(z)
         return (self.model.slopes(drive.data, self.space.candidates(z), directions).information,)
 
-    def covariance(self, told: Told | None) -> Floats:
+    def covariance(self, evidence: Evidence | None) -> Floats:
         """Return the covariance of the chosen coordinates ``(chosen, chosen)``; infinite where nothing is known."""
-        return open_covariance(self.before + (0.0 if told is None else told[0]), self.rows)
+        return open_covariance(self.before + (0.0 if evidence is None else evidence[0]), self.rows)
 
-    def value(self, told: Told | None) -> float:
+    def value(self, evidence: Evidence | None) -> float:
         """Return the logarithm of the criterion as a standard error; infinite where it has none."""
-        return log_error(self.covariance(told), self.criterion, self.weights)
+        return log_error(self.covariance(evidence), self.criterion, self.weights)
 
-    def expectation(self, told: Told | None) -> Expectation:
+    def expectation(self, evidence: Evidence | None) -> ExpectedOutcome:
         """Return the standard errors to be expected."""
-        before, after = (np.sqrt(np.diagonal(self.covariance(t))) for t in (None, told))
+        before, after = (np.sqrt(np.diagonal(self.covariance(t))) for t in (None, evidence))
         rows, record, still, errors = [], {}, [], []
         for i, name in enumerate(self.wanted):
             c = self.space.coordinates[self.rows[i]]
@@ -250,16 +250,16 @@ class EstimationGoal:
                 size = _percent(half) if c.logarithmic else f"{_error(c.scale * half)} {print_unit(c.unit)}".strip()
                 still.append(f"{words(name)}: 95 % interval {size} to either side")
             errors.append(f"{words(name)} to ±{_error(pair[1])} {print_unit(c.unit)}".strip())
-        return Expectation(
+        return ExpectedOutcome(
             words=listed(errors),
-            open=(*still, *self._confounded(told), *self._cautions()),
+            open=(*still, *self._confounded(evidence), *self._cautions()),
             record={"parameters": record},
             header=["parameter", "estimate", "standard error now", "expected"],
             rows=rows,
         )
 
-    def _confounded(self, told: Told | None) -> list[str]:
-        correlation = covariance_of(self.before + (0.0 if told is None else told[0])).correlation
+    def _confounded(self, evidence: Evidence | None) -> list[str]:
+        correlation = covariance_of(self.before + (0.0 if evidence is None else evidence[0])).correlation
         return [
             f"{words(name)} and {words(self.names[j])}: their errors correlate by {correlation[i, j]:+.2f}"
             for i, name in zip(self.rows, self.wanted, strict=True)

@@ -96,7 +96,7 @@ def stated(limits: Limits) -> dict[str, float | None]:
     return {name: value if np.isfinite(value) else None for name, value in values.items()}
 
 
-class Motion(NamedTuple):
+class PlannedMotion(NamedTuple):
     """How a vehicle moves in a drive.
 
     Attributes:
@@ -111,7 +111,7 @@ class Motion(NamedTuple):
     articulation: Floats
 
 
-def motion_of(model: StateSpaceModel, values: Mapping[str, Floats], time: Floats) -> Motion:
+def motion_of(model: StateSpaceModel, values: Mapping[str, Floats], time: Floats) -> PlannedMotion:
     """Return how a vehicle moves.
 
     Args:
@@ -129,7 +129,7 @@ def motion_of(model: StateSpaceModel, values: Mapping[str, Floats], time: Floats
         x, y = (np.append(p, p[-1] + exit_steps * (p[-1] - p[-2])) for p in path_of((forward, lateral, rate), time))
         paths.append((x, y))
     articulation = values.get("articulation_angle", np.zeros(len(time)))
-    return Motion(tuple(paths), np.array(accelerations).reshape(-1, len(time)), articulation)
+    return PlannedMotion(tuple(paths), np.array(accelerations).reshape(-1, len(time)), articulation)
 
 
 def passed_by_driver(profile: Profile, limits: Limits) -> str:
@@ -145,7 +145,7 @@ def passed_by_driver(profile: Profile, limits: Limits) -> str:
     return _first(reached)
 
 
-def passed_by_vehicle(motion: Motion, limits: Limits) -> str:
+def passed_by_vehicle(motion: PlannedMotion, limits: Limits) -> str:
     """Return which limit of acceleration, articulation or road a motion passes; empty if none."""
     length = max((float(np.ptp(x)) for x, _ in motion.paths), default=0.0)
     width = float(np.ptp(np.concatenate([np.zeros(1), *(y for _, y in motion.paths)])))  # where all begin

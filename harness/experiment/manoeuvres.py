@@ -27,7 +27,7 @@ _LEAD_IN = 1.0
 
 
 @dataclass(frozen=True)
-class Room:
+class SearchRange:
     """What the quantities of a manoeuvre may be.
 
     Attributes:
@@ -45,7 +45,7 @@ class Room:
     shortest: float = SHORTEST_DRIVE
 
     @classmethod
-    def of(cls, spec: ModelSpec, limits: Limits, shortest: float = 0.0) -> Room:
+    def of(cls, spec: ModelSpec, limits: Limits, shortest: float = 0.0) -> SearchRange:
         """Return the room of a model, with the duration of the shortest recording that is taken."""
         least = max(cls.shortest, shortest)
         return cls(limits, spec.wheelbase, spec.steering_ratio, max(cls.short, least), least)
@@ -90,9 +90,9 @@ class Manoeuvre:
     standard: str
     kind: str
     free: int
-    options: Callable[[Floats, Room], Options]
+    options: Callable[[Floats, SearchRange], Options]
 
-    def drive(self, point: Floats, room: Room, name: str) -> DriveSpec:
+    def drive(self, point: Floats, room: SearchRange, name: str) -> DriveSpec:
         """Return the drive at a point ``(free,)`` of the unit cube."""
         options = {k: rounded(v) if isinstance(v, float) else v for k, v in self.options(point, room).items()}
         options |= {"lead_in": _LEAD_IN, "lateral_acceleration_limit": 20.0}  # the limits are those of the simulation
@@ -104,13 +104,13 @@ def rounded(value: float) -> float:
     return float(f"{value:.4g}")
 
 
-def _circle(p: Floats, room: Room) -> Options:
+def _circle(p: Floats, room: SearchRange) -> Options:
     speed = room.speed(p[1])
     radius = max(speed**2 / (between(_LEAST, 1.0, p[0]) * room.limits.lateral_acceleration), 6.0)
     return {"speed": speed, "radius": radius, "duration": room.duration(speed, ways_back=True), "transition": 3.0}
 
 
-def _speeding_circle(p: Floats, room: Room) -> Options:
+def _speeding_circle(p: Floats, room: SearchRange) -> Options:
     last = room.speed(p[1])
     first = max(room.limits.lowest_speed, 0.3 * last)
     radius = max(last**2 / (between(_LEAST, 1.0, p[0]) * room.limits.lateral_acceleration), 6.0)
@@ -118,19 +118,19 @@ def _speeding_circle(p: Floats, room: Room) -> Options:
     return {"speed": first, "speed_change": last - first, "radius": radius, "duration": duration, "transition": 3.0}
 
 
-def _ramp(p: Floats, room: Room) -> Options:
+def _ramp(p: Floats, room: SearchRange) -> Options:
     speed = room.speed(p[1])
     angle, duration = room.angle(p[0], speed), room.duration(speed)
     return {"speed": speed, "amplitude": angle, "rate": angle / max(duration - 3.0, 2.0), "duration": duration}
 
 
-def _step(p: Floats, room: Room) -> Options:
+def _step(p: Floats, room: SearchRange) -> Options:
     speed, rise = room.speed(p[1]), between(0.15, 1.0, p[2])
     angle = room.angle(p[0], speed)
     return {"speed": speed, "amplitude": angle, "rise_time": rise, "duration": min(room.short, room.duration(speed))}
 
 
-def _sine(p: Floats, room: Room) -> Options:
+def _sine(p: Floats, room: SearchRange) -> Options:
     speed = room.speed(p[1])
     frequency = between(0.1, 2.5, p[2])
     return {
@@ -139,7 +139,7 @@ def _sine(p: Floats, room: Room) -> Options:
     }  # fmt: skip
 
 
-def _sweep(p: Floats, room: Room) -> Options:
+def _sweep(p: Floats, room: SearchRange) -> Options:
     speed = room.speed(p[1])
     return {
         "speed": speed, "amplitude": room.angle(p[0], speed), "first_frequency": between(0.05, 0.5, p[2]),
@@ -147,7 +147,7 @@ def _sweep(p: Floats, room: Room) -> Options:
     }  # fmt: skip
 
 
-def _random(p: Floats, room: Room) -> Options:
+def _random(p: Floats, room: SearchRange) -> Options:
     speed = room.speed(p[1])
     limits = room.limits
     variation = 0.5 * p[3] * min(speed - limits.lowest_speed, limits.highest_speed - speed)
@@ -158,7 +158,7 @@ def _random(p: Floats, room: Room) -> Options:
     }  # fmt: skip
 
 
-def _lane_change(p: Floats, room: Room) -> Options:
+def _lane_change(p: Floats, room: SearchRange) -> Options:
     speed, offset = room.speed(p[1]), 3.5
     # Of an S-shaped path the largest lateral acceleration is 5.77 offset (speed / length)^2.
     change = speed * math.sqrt(5.77 * offset / (between(_LEAST, 1.0, p[0]) * room.limits.lateral_acceleration))
@@ -169,7 +169,7 @@ def _lane_change(p: Floats, room: Room) -> Options:
     }  # fmt: skip
 
 
-def _dwell(p: Floats, room: Room) -> Options:
+def _dwell(p: Floats, room: SearchRange) -> Options:
     speed = room.speed(p[1])
     duration = min(room.short, room.duration(speed))
     return {"speed": speed, "amplitude": room.angle(p[0], speed), "frequency": 0.7, "duration": duration}

@@ -11,7 +11,7 @@ import xarray as xr
 from harness.common.arrays import Floats
 from harness.common.errors import ModelError, UserError
 from harness.config import DriveSpec, ModelSpec
-from harness.experiment.limits import Limits, Motion, motion_of, passed_by_driver, passed_by_vehicle
+from harness.experiment.limits import Limits, PlannedMotion, motion_of, passed_by_driver, passed_by_vehicle
 from harness.identification.data import DriveData
 from harness.identification.filtered_model import FilteredModel
 from harness.models.contracts import Profile
@@ -33,7 +33,7 @@ class Rehearsed:
     drive: DriveSpec
     profile: Profile
     data: tuple[DriveData, ...]
-    motion: Motion
+    motion: PlannedMotion
 
     @property
     def seconds(self) -> float:
@@ -68,7 +68,7 @@ class Rehearsal:
             return passed
         planned = self.model.drive(self._table(profile), drive.name, "joined")
         data: list[DriveData] = []
-        first: Motion | None = None
+        first: PlannedMotion | None = None
         for number, values in enumerate(self.versions):
             run = self.model.free_run(planned, values)
             if len(run.states) < len(planned.time) or not np.isfinite(run.outputs[-1]).all():

@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from harness.common.files import write_files
-from harness.experiment.contract import Expectation
-from harness.experiment.design import Tried
+from harness.experiment.contract import ExpectedOutcome
+from harness.experiment.design import TriedDrive
 from harness.experiment.files import contents, names_of, remove_earlier, written_to
 from harness.experiment.limits import UNITS, Limits, stated
 from harness.experiment.run import Designed
@@ -29,7 +29,7 @@ def answer(designed: Designed) -> str:
         f"{t.manoeuvre.name}{f' {times} times' if times > 1 else ''} ({t.rehearsed.seconds:g} s)"
         for t, times in plan.sequence
     ])  # fmt: skip
-    return f"Drive {drives}, {plan.seconds:g} s in all; expected: {designed.goal.expectation(plan.told).words}."
+    return f"Drive {drives}, {plan.seconds:g} s in all; expected: {designed.goal.expectation(plan.evidence).words}."
 
 
 def write_design(designed: Designed, folder: Path, command: str) -> list[Path]:
@@ -49,7 +49,7 @@ def write_design(designed: Designed, folder: Path, command: str) -> list[Path]:
 
 def report(designed: Designed, folder: Path, command: str) -> Report:
     """Return the report: the first sections are the page for the driver."""
-    expectation = designed.goal.expectation(designed.plan.told)
+    expectation = designed.goal.expectation(designed.plan.evidence)
     sections: list[Block] = [
         Section(partial(_answer, designed, expectation), "Answer"),
         Section(partial(_for_driver, designed), "For the driver"),
@@ -61,7 +61,7 @@ def report(designed: Designed, folder: Path, command: str) -> Report:
     return Report("What to drive next?", sections)
 
 
-def _answer(designed: Designed, expectation: Expectation) -> list[Block]:
+def _answer(designed: Designed, expectation: ExpectedOutcome) -> list[Block]:
     still = Bullets([plain(text) for text in expectation.open])
     blocks: list[Block] = [Prose(strong(answer(designed)))]
     return [*blocks, Prose(plain("What stays open:")), still] if expectation.open else blocks
@@ -108,7 +108,7 @@ def _for_driver(designed: Designed) -> list[Block]:
     return [sheet, Bullets([plain(way) for way in ways]), *drawings, Bullets([plain(n) for n in notes])]
 
 
-def _draw(tried: Tried, limits: Limits, name: str) -> bytes:
+def _draw(tried: TriedDrive, limits: Limits, name: str) -> bytes:
     """Draw the path from above, and steering, speed and lateral acceleration over time."""
     profile, motion = tried.rehearsed.profile, tried.rehearsed.motion
     with style.drawing():
@@ -139,7 +139,7 @@ def _over_time(axes: Axes, time: np.ndarray, values: np.ndarray, label: str) -> 
     axes.grid()
 
 
-def _expected(expectation: Expectation) -> list[Block]:
+def _expected(expectation: ExpectedOutcome) -> list[Block]:
     caption = "Before and behind the drives, the first column in words, errors as standard deviations."
     return [Sheet(list(expectation.header), [list(r) for r in expectation.rows], caption, left=2)]
 
@@ -150,7 +150,7 @@ def _ranked(designed: Designed) -> list[Block]:
         [t.manoeuvre.name, _free(t), f"{t.times}", f"{t.seconds:g}", number(max(np.exp(t.value), 1e-12))]
         for t in plan.ranked
     ]
-    before, after = (np.exp(designed.goal.value(told)) for told in (None, plan.told))
+    before, after = (np.exp(designed.goal.value(evidence)) for evidence in (None, plan.evidence))
     rows.append(["the sequence", "", "", f"{plan.seconds:g}", number(max(after, 1e-12))])
     now = number(before) if np.isfinite(before) else "∞"
     caption = (
@@ -169,7 +169,7 @@ _NARROW = 0.1
 _NOT_SHOWN = ("lead_in", "lateral_acceleration_limit", "duration", "fade", "transition")
 
 
-def _free(t: Tried) -> str:
+def _free(t: TriedDrive) -> str:
     drive = t.rehearsed.drive
     units = {o.name: o.unit for o in DRIVES.load(drive.kind).OPTIONS}
     options = {k: v for k, v in drive.options.items() if k not in _NOT_SHOWN}

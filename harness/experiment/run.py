@@ -12,11 +12,11 @@ from threadpoolctl import threadpool_limits
 from harness.common.errors import UserError
 from harness.config import ModelSpec
 from harness.config.model_choice import fitting_sensors
-from harness.experiment.contract import Expectation, Goal, total
-from harness.experiment.design import Plan, Tried, design
+from harness.experiment.contract import ExpectedOutcome, Goal, total
+from harness.experiment.design import DrivePlan, TriedDrive, design
 from harness.experiment.information import Criterion, EstimationGoal, read_fit
 from harness.experiment.limits import Limits
-from harness.experiment.manoeuvres import Room, chosen
+from harness.experiment.manoeuvres import SearchRange, chosen
 from harness.experiment.rehearsal import Rehearsal
 from harness.experiment.separation import TRACE, SeparationGoal, read_rivals
 from harness.models.roles import SENSORS
@@ -63,7 +63,7 @@ class Equipped:
 
     name: str
     outputs: tuple[str, ...]
-    expectation: Expectation | str
+    expectation: ExpectedOutcome | str
 
 
 @dataclass(frozen=True)
@@ -81,12 +81,12 @@ class Designed:
     task: DesignTask
     plant: ModelSpec
     goal: Goal
-    plan: Plan
+    plan: DrivePlan
     equipped: tuple[Equipped, ...] = ()
 
-    def alone(self, tried: Tried) -> Expectation:
+    def alone(self, tried: TriedDrive) -> ExpectedOutcome:
         """Return what is expected behind one drive, repeated as often as the budget allows."""
-        return self.goal.expectation(total([(tried.told, tried.times)]))
+        return self.goal.expectation(total([(tried.evidence, tried.times)]))
 
 
 def design_drives(task: DesignTask, say: Callable[[str], None] = lambda _: None) -> Designed:
@@ -112,7 +112,7 @@ def design_drives(task: DesignTask, say: Callable[[str], None] = lambda _: None)
         )
     rehearsal = Rehearsal(goal.model, spec, goal.versions, goal.recorded, task.limits)
     jobs = task.jobs or os.cpu_count() or 1
-    room = Room.of(spec, task.limits, goal.shortest)
+    room = SearchRange.of(spec, task.limits, goal.shortest)
     with threadpool_limits(1):  # threads of the linear algebra would wait for those of the drives
         plan = design(goal, rehearsal, room, manoeuvres, task.budget, task.effort, jobs, task.seed, say)
     if not plan.sequence:
@@ -152,7 +152,7 @@ def _refuse_undriven(spec: ModelSpec, folder: Path) -> None:
         raise UserError(f"{folder}: drives are planned for a vehicle with a steering wheel; its inputs are {inputs}")
 
 
-def _equipped(task: DesignTask, goal: EstimationGoal, plan: Plan, name: str) -> Equipped:
+def _equipped(task: DesignTask, goal: EstimationGoal, plan: DrivePlan, name: str) -> Equipped:
     """Return what the planned drives tell with other sensors; those so far had theirs."""
     outputs = tuple(SENSORS.load(name).OUTPUTS)
     try:
@@ -163,7 +163,7 @@ def _equipped(task: DesignTask, goal: EstimationGoal, plan: Plan, name: str) -> 
             again = alone.of(tried.rehearsed.drive)
             if isinstance(again, str):
                 return Equipped(name, outputs, again)
-            parts.append((other.told(again), times))
+            parts.append((other.evidence(again), times))
     except UserError as error:
         return Equipped(name, outputs, str(error))
     return Equipped(name, outputs, other.expectation(total(parts)))

@@ -23,7 +23,7 @@ from harness.common.errors import UserError
 from harness.common.files import read_text
 from harness.config import ModelSpec
 from harness.diagnosis.model.augmented_model import AugmentedModel
-from harness.experiment.contract import Expectation, Told
+from harness.experiment.contract import Evidence, ExpectedOutcome
 from harness.experiment.information import fitted_spec
 from harness.experiment.rehearsal import Rehearsed
 from harness.identification.coordinates import Coordinate, parameter_coordinate
@@ -62,7 +62,7 @@ _SCALE = 0.1
 
 
 @dataclass(frozen=True)
-class Rival:
+class RivalModel:
     """A model of the confusable set.
 
     Attributes:
@@ -80,7 +80,7 @@ class Rival:
     correlation: Floats
 
 
-def read_rivals(folder: Path) -> tuple[ModelSpec, tuple[Rival, ...], float]:
+def read_rivals(folder: Path) -> tuple[ModelSpec, tuple[RivalModel, ...], float]:
     """Return the nominal model of a trace, its confusable set, the likeliest first, and what is none of these.
 
     Raises:
@@ -105,13 +105,13 @@ def read_rivals(folder: Path) -> tuple[ModelSpec, tuple[Rival, ...], float]:
     return spec, rivals, none
 
 
-def _rival(model: dict[str, Any]) -> Rival:
+def _rival(model: dict[str, Any]) -> RivalModel:
     name = " and ".join(words(alike[0]["name"].replace("@", " ")) for alike in model["added"])
     rows = model["estimates"]
     errors = [math.inf if e["standard_error"] is None else float(e["standard_error"]) for e in rows]
     correlation = np.array(model["correlation"], dtype=float).reshape(len(rows), len(rows))
     values = {e["name"]: float(e["value"]) for e in rows}
-    return Rival(name or "nothing added", float(model["share"]), values, np.array(errors), correlation)
+    return RivalModel(name or "nothing added", float(model["share"]), values, np.array(errors), correlation)
 
 
 class SeparationGoal:
@@ -130,7 +130,7 @@ class SeparationGoal:
     enough = math.log(1e-3)
     measure = "a bound on the probability that a wrong model of the set is named"
 
-    def __init__(self, spec: ModelSpec, rivals: Sequence[Rival], none: float = 0.0, jobs: int = 1) -> None:
+    def __init__(self, spec: ModelSpec, rivals: Sequence[RivalModel], none: float = 0.0, jobs: int = 1) -> None:
         self.rivals, self.none, self.recorded = tuple(rivals), none, len(rivals)
         moved = {name for r in rivals for name in r.values}
         excluded = _not_needed(spec, moved)
@@ -148,7 +148,7 @@ class SeparationGoal:
         m = range(len(self.rivals))
         self._emulations = np.array([[self._emulation(i, j) for j in m] for i in m])
 
-    def _values(self, rival: Rival) -> Floats:
+    def _values(self, rival: RivalModel) -> Floats:
         """Return all parameters of a model; what happened in a drive has happened before the next one."""
         values = self.model.stated()
         for name, value in rival.values.items():
@@ -158,7 +158,7 @@ class SeparationGoal:
                 values[self.model.row(p.name)] = p.lower
         return values
 
-    def _precision(self, rival: Rival, coordinates: Sequence[Coordinate]) -> Floats:
+    def _precision(self, rival: RivalModel, coordinates: Sequence[Coordinate]) -> Floats:
         """Return what the drives so far say of a model's coordinates ``(n, n)``."""
         errors = rival.errors / np.array([c.slope(c.centre) for c in coordinates])
         known = np.flatnonzero(np.isfinite(errors) & (errors > 0))
@@ -184,7 +184,7 @@ class SeparationGoal:
         moved = np.array([c.coordinate(v) - c.centre for v, c in zip(targets, coordinates, strict=True)])
         return float(moved @ self._precisions[j] @ moved)
 
-    def told(self, drive: Rehearsed) -> Told:
+    def evidence(self, drive: Rehearsed) -> Evidence:
         """Return, of each model against what each leaves, squared innovations, their slopes, and information.
 
         Shapes ``(m, m)``, ``(m, m, n)``, ``(m, m, n, n)``, the right model first.
@@ -226,37 +226,37 @@ class SeparationGoal:
                               for c, z in zip(coordinates, step, strict=True)])  # fmt: skip
         return quadratic
 
-    def distances(self, told: Told | None) -> tuple[Floats, Floats]:
+    def distances(self, evidence: Evidence | None) -> tuple[Floats, Floats]:
         """Return ``d^2`` of each right model against each rival, and what the rival's width costs it ``(m, m)``.
 
         Half of the drives judge; the others are fitted. The latter is the logarithm by which the parameters are known
         better behind the drives (Laplace).
         """
         m = len(self.rivals)
-        if told is None:
+        if evidence is None:
             return np.zeros((m, m)), np.zeros((m, m))
         distance, width = np.zeros((m, m)), np.zeros((m, m))
         for j, precision in enumerate(self._precisions):
             n = len(precision)
             for i in range(m):
-                squares, slope = 0.5 * float(told[0][i, j]), 0.5 * told[1][i, j, :n]
-                information = 0.5 * told[2][i, j, :n, :n]
+                squares, slope = 0.5 * float(evidence[0][i, j]), 0.5 * evidence[1][i, j, :n]
+                information = 0.5 * evidence[2][i, j, :n, :n]
                 distance[i, j] = unexplained(squares, slope, information + precision)
                 width[i, j] = 0.5 * _growth(information, precision)
         np.fill_diagonal(distance, 0.0)
         return np.minimum(distance, self._emulations), width
 
-    def value(self, told: Told | None) -> float:
+    def value(self, evidence: Evidence | None) -> float:
         """Return the logarithm of the bound on the probability of a wrong name."""
-        distance, _ = self.distances(told)
+        distance, _ = self.distances(evidence)
         both = 0.5 * (distance + distance.T)
         pairs = np.triu_indices(len(both), 1)
         weights = np.sqrt(np.outer(self.shares, self.shares))[pairs]
         return float(np.log(np.sum(weights * np.exp(-both[pairs] / 8.0)) + 1e-300))
 
-    def posterior(self, told: Told | None) -> tuple[Floats, Floats]:
+    def posterior(self, evidence: Evidence | None) -> tuple[Floats, Floats]:
         """Return, by right model, its expected probability, and the probability that it stands ``(m,)``."""
-        distance, width = self.distances(told)
+        distance, width = self.distances(evidence)
         random = np.random.default_rng(0).standard_normal((_DRAWS, len(self.rivals)))
         expected, stands = np.zeros(len(self.rivals)), np.zeros(len(self.rivals))
         for i in range(len(self.rivals)):
@@ -267,10 +267,10 @@ class SeparationGoal:
             expected[i], stands[i] = own.mean(), np.mean(own >= STANDS)
         return expected, stands
 
-    def expectation(self, told: Told | None) -> Expectation:
+    def expectation(self, evidence: Evidence | None) -> ExpectedOutcome:
         """Return the posterior to be expected."""
-        distance, _ = self.distances(told)
-        expected, stands = self.posterior(told)
+        distance, _ = self.distances(evidence)
+        expected, stands = self.posterior(evidence)
         rows = [
             [r.name, probability(share), probability(e), probability(s), number(float(_least(d, i)))]
             for i, (r, share, e, s, d) in enumerate(
@@ -292,7 +292,7 @@ class SeparationGoal:
             name: {"share": float(p), "expected": float(e), "stands": float(s), "d2": d.tolist()}
             for name, p, e, s, d in zip(names, self.shares, expected, stands, distance, strict=True)
         }
-        return Expectation(
+        return ExpectedOutcome(
             words=f"one name stands with {STANDS:.0%} in {probability(standing)} of the cases, if one of "
             f"{len(names)} is right",
             open=tuple(still),

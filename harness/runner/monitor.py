@@ -115,7 +115,7 @@ def compare_parameters(p, believed, held):
     put(differs, held, 3 + NY)
 
 
-def watch(u, y, info, s, beyond, bounds, held, told):
+def watch(u, y, info, s, beyond, bounds, held, verdict):
     """Take one sample, whether or not it has measurements.
 
     Args:
@@ -127,7 +127,7 @@ def watch(u, y, info, s, beyond, bounds, held, told):
         bounds: ``Bounds``.
         held: Averages of the NIS and of each innovation, the share of samples with a measurement, whether there was a
             sample, whether parameters are others, and the inputs before, overwritten ``(4 + ny + nu, LANES)``.
-        told: Written ``(3, LANES)``: level of trust, reasons, and the largest of the statistics over their bounds.
+        verdict: Written ``(3, LANES)``: level of trust, reasons, and the largest of the statistics over their bounds.
     """
     weight, spread = bounds.numbers[0], bounds.numbers[1]
     seen, nis = get(info.seen, 0), get(info.nis, 0)
@@ -171,9 +171,9 @@ def watch(u, y, info, s, beyond, bounds, held, told):
     unproven = (strange > 0.0) | few | others
     reasons = reasons + 4.0 * biased + select(gone, 8.0, 0.0)
     reasons = reasons + 16.0 * strange + select(few, 32.0, 0.0) + select(others, 64.0, 0.0)
-    put(select(contradicted, 2.0, select(unproven, 1.0, 0.0)), told, 0)
-    put(reasons, told, 1)
-    put(evidence, told, 2)
+    put(select(contradicted, 2.0, select(unproven, 1.0, 0.0)), verdict, 0)
+    put(reasons, verdict, 1)
+    put(evidence, verdict, 2)
 
 
 def watch_filter(source, belief, first, limits, bounds, kept):
@@ -216,10 +216,10 @@ def keep_watched(k, state, u, y, belief, info, room, record):
     """Watch one sample and keep what comes of it."""
     s, flag, held, _, _ = room
     limits, bounds, kept = record
-    estimates, statistics, told = kept
+    estimates, statistics, verdicts = kept
     put(outside(state.mean, limits), flag, 0)
     signals(state.mean, u, belief.constants, s)
-    watch(u, y, info, s, flag, bounds, held, told[k])
+    watch(u, y, info, s, flag, bounds, held, verdicts[k])
     for a in range(1 + NY):
         put(bounds.numbers[1] * get(held, a), statistics, k, a)
     for a in range(NS):
@@ -236,12 +236,12 @@ class Watched(NamedTuple):
     Attributes:
         estimates: Signals ``(samples, ns, LANES)``.
         statistics: Of NIS and innovations, in standard deviations of their averages ``(samples, 1 + ny, LANES)``.
-        told: Level of trust, reasons, and largest statistic over its bound ``(samples, 3, LANES)``.
+        verdicts: Level of trust, reasons, and largest statistic over its bound ``(samples, 3, LANES)``.
     """
 
     estimates: Floats
     statistics: Floats
-    told: Floats
+    verdicts: Floats
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ import pytest
 
 from harness.common.errors import UserError
 from harness.config import single_drive
-from harness.experiment.limits import Limits, Motion, limits_of, passed_by_vehicle
-from harness.experiment.manoeuvres import MANOEUVRES, Room
+from harness.experiment.limits import Limits, PlannedMotion, limits_of, passed_by_vehicle
+from harness.experiment.manoeuvres import MANOEUVRES, SearchRange
 from harness.experiment.rehearsal import Rehearsal
 from harness.identification.innovations import Innovations
 from harness.simulation.drives import profile_of
@@ -88,7 +88,7 @@ def test_the_road_reaches_straight_on_behind_the_end(car):
 
 def test_the_road_is_that_of_every_body():
     straight, bent = (np.array([0.0, 50.0]), np.zeros(2)), (np.array([0.0, 40.0]), np.array([0.0, -5.0]))
-    motion = Motion((straight, bent), np.zeros((2, 2)), np.zeros(2))
+    motion = PlannedMotion((straight, bent), np.zeros((2, 2)), np.zeros(2))
     assert passed_by_vehicle(motion, Limits(road_width=6.0)) == ""
     assert passed_by_vehicle(motion, Limits(road_width=4.0)) == "road_width"
 
@@ -96,7 +96,7 @@ def test_the_road_is_that_of_every_body():
 @pytest.mark.parametrize("shortest", [0.0, 20.0])
 @pytest.mark.parametrize("manoeuvre", MANOEUVRES, ids=lambda m: m.name)
 def test_no_manoeuvre_is_cut_short_by_a_short_road(car, manoeuvre, shortest):
-    room = Room.of(car.spec, Limits(road_length=20.0, duration=10.0), shortest)
+    room = SearchRange.of(car.spec, Limits(road_length=20.0, duration=10.0), shortest)
     drive = manoeuvre.drive(np.full(manoeuvre.free, 0.5), room, manoeuvre.name)
     assert drive.options["duration"] >= max(5.0, shortest)
     dwell = drive.kind == "sine_with_dwell"  # 1 s ahead, 1 / 0.7 s and 0.5 s
@@ -108,7 +108,7 @@ def test_the_gentlest_of_each_manoeuvre_keeps_to_the_limits(car, manoeuvre):
     limits = Limits(lateral_acceleration=4.0, road_length=400.0)
     point = np.full(manoeuvre.free, 0.3)
     point[0] = 0.0
-    drive = manoeuvre.drive(point, Room.of(car.spec, limits), manoeuvre.name)
+    drive = manoeuvre.drive(point, SearchRange.of(car.spec, limits), manoeuvre.name)
     kept = Rehearsal(car, car.spec, [car.stated()], 1, limits).of(drive)
     assert not isinstance(kept, str), kept
     assert np.abs(kept.motion.lateral_acceleration).max() > 0.1

@@ -8,10 +8,10 @@ import pytest
 
 from harness.common.errors import UserError
 from harness.experiment.contract import total
-from harness.experiment.design import Tried, design, greedy
+from harness.experiment.design import TriedDrive, design, greedy
 from harness.experiment.information import EstimationGoal, KeptFit, log_error, open_covariance
 from harness.experiment.limits import Limits
-from harness.experiment.manoeuvres import Room, chosen
+from harness.experiment.manoeuvres import SearchRange, chosen
 from harness.experiment.rehearsal import Rehearsal
 from support.identification import CAR, model_of
 
@@ -23,7 +23,7 @@ def measured_at(degree):
     """Return measurements of a polynomial with unit noise, one at each place, each of one second."""
     rows = np.vander(PLACES, degree + 1, increasing=True)
     return [
-        Tried(None, SimpleNamespace(seconds=1.0, place=x), (np.outer(r, r),), 1, 0.0)
+        TriedDrive(None, SimpleNamespace(seconds=1.0, place=x), (np.outer(r, r),), 1, 0.0)
         for x, r in zip(PLACES, rows, strict=True)
     ]
 
@@ -37,31 +37,31 @@ class Polynomial:
         self.degree, self.criterion = degree, criterion
         self.rows = list(range(degree + 1)) if rows is None else rows
 
-    def value(self, told):
-        information = 1e-6 * np.eye(self.degree + 1) + (0.0 if told is None else told[0])
+    def value(self, evidence):
+        information = 1e-6 * np.eye(self.degree + 1) + (0.0 if evidence is None else evidence[0])
         return log_error(open_covariance(information, self.rows), self.criterion, np.ones(len(self.rows)))
 
 
 def chosen_places(goal, seconds):
     sequence = greedy(goal, measured_at(goal.degree), seconds)
-    return {round(t.rehearsed.place, 6): times for t, times in sequence}, total([(t.told, n) for t, n in sequence])
+    return {round(t.rehearsed.place, 6): times for t, times in sequence}, total([(t.evidence, n) for t, n in sequence])
 
 
 def test_a_line_is_best_measured_at_its_ends():
-    places, told = chosen_places(Polynomial(1), 20.0)
+    places, evidence = chosen_places(Polynomial(1), 20.0)
     assert places == {-1.0: 10, 1.0: 10}
-    np.testing.assert_allclose(np.linalg.det(told[0]), 20.0**2, rtol=1e-9)  # the most there is
+    np.testing.assert_allclose(np.linalg.det(evidence[0]), 20.0**2, rtol=1e-9)  # the most there is
 
 
 def test_a_parabola_is_best_measured_at_its_ends_and_in_the_middle():
-    places, told = chosen_places(Polynomial(2), 30.0)
+    places, evidence = chosen_places(Polynomial(2), 30.0)
     assert places == {-1.0: 10, 0.0: 10, 1.0: 10}
-    np.testing.assert_allclose(np.linalg.det(told[0]), 4.0 * 10.0**3, rtol=1e-9)
+    np.testing.assert_allclose(np.linalg.det(evidence[0]), 4.0 * 10.0**3, rtol=1e-9)
 
 
 def test_the_slope_of_a_line_whose_level_is_open_has_the_error_of_both_ends():
-    _, told = chosen_places(Polynomial(1, "c", [1]), 20.0)
-    np.testing.assert_allclose(open_covariance(told[0], [1]), [[1.0 / 20.0]], rtol=1e-9)
+    _, evidence = chosen_places(Polynomial(1, "c", [1]), 20.0)
+    np.testing.assert_allclose(open_covariance(evidence[0], [1]), [[1.0 / 20.0]], rtol=1e-9)
 
 
 def test_of_what_is_not_known_the_error_is_infinite():
@@ -79,7 +79,7 @@ def fitted(**keys):
 def best_errors(goal, manoeuvres):
     limits = Limits(lateral_acceleration=4.0, duration=15.0)
     rehearsal = Rehearsal(goal.model, goal.fit.spec, goal.versions[:2], 1, limits)
-    plan = design(goal, rehearsal, Room.of(goal.fit.spec, limits), chosen(manoeuvres), 15.0, effort=10, jobs=1)
+    plan = design(goal, rehearsal, SearchRange.of(goal.fit.spec, limits), chosen(manoeuvres), 15.0, effort=10, jobs=1)
     return {t.manoeuvre.name: math.exp(t.value) for t in plan.ranked}
 
 

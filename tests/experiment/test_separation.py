@@ -13,10 +13,10 @@ from harness.config.parameter_set import set_text
 from harness.experiment.contract import total
 from harness.experiment.files import contents
 from harness.experiment.limits import Limits
-from harness.experiment.manoeuvres import Room, chosen
+from harness.experiment.manoeuvres import SearchRange, chosen
 from harness.experiment.rehearsal import Rehearsal
 from harness.experiment.run import DesignTask, design_drives
-from harness.experiment.separation import Rival, SeparationGoal, read_rivals, unexplained
+from harness.experiment.separation import RivalModel, SeparationGoal, read_rivals, unexplained
 
 CAR = {"vehicle": "car", "parameters": "blanco_2021", "tyre": "linear", "sensors": "car_series", "integrator": "rk4"}
 FREE = ("stiffness_peak_front", "stiffness_peak_rear")
@@ -49,7 +49,7 @@ def test_what_is_known_of_a_parameter_it_does_not_take_up():
 def rival(spec, name, share, error=0.3, **added):
     values = {**{n: spec.values[n] for n in FREE}, **added}
     errors = [0.02 * spec.values[n] for n in FREE] + [error * v for v in added.values()]
-    return Rival(name, share, values, np.array(errors), np.eye(len(values)))
+    return RivalModel(name, share, values, np.array(errors), np.eye(len(values)))
 
 
 @pytest.fixture(scope="module")
@@ -63,19 +63,19 @@ def goal():
     return SeparationGoal(spec, rivals, none=0.1)
 
 
-def told(goal, name, point):
+def evidence(goal, name, point):
     limits = Limits(lateral_acceleration=4.0)
     spec = goal.model.spec
     (manoeuvre,) = chosen([name])
     drive = Rehearsal(goal.model, spec, goal.versions, goal.recorded, limits).of(
-        manoeuvre.drive(np.array(point), Room.of(spec, limits), name)
+        manoeuvre.drive(np.array(point), SearchRange.of(spec, limits), name)
     )
     assert not isinstance(drive, str), drive
-    return goal.told(drive)
+    return goal.evidence(drive)
 
 
 def test_a_step_tells_a_lag_from_inertia_and_a_ramp_does_not(goal):
-    step, ramp = told(goal, "step", [0.5, 0.5, 0.2]), told(goal, "ramp", [0.5, 0.5])
+    step, ramp = evidence(goal, "step", [0.5, 0.5, 0.2]), evidence(goal, "ramp", [0.5, 0.5])
     assert goal.value(None) > goal.value(ramp) > goal.value(step)
     before, after = goal.posterior(None), goal.posterior(step)
     np.testing.assert_allclose(before[0], goal.shares)
@@ -86,14 +86,14 @@ def test_a_step_tells_a_lag_from_inertia_and_a_ramp_does_not(goal):
 
 
 def test_a_model_that_holds_the_right_one_is_told_from_it_only_by_the_drives_so_far(goal):
-    distance, _ = goal.distances(total([(told(goal, "step", [0.5, 0.5, 0.2]), 100)]))
+    distance, _ = goal.distances(total([(evidence(goal, "step", [0.5, 0.5, 0.2]), 100)]))
     assert distance[2, 0] <= (1.0 / 0.3) ** 2 + 1e-6  # a lag of nothing is that many standard errors off
     assert distance[0, 2] > 100.0
     assert math.isinf(goal._emulations[0, 1])
 
 
 def test_what_stays_open_is_said(goal):
-    expectation = goal.expectation(told(goal, "ramp", [0.0, 0.0]))
+    expectation = goal.expectation(evidence(goal, "ramp", [0.0, 0.0]))
     assert any("inertia" in text and "confusable" in text for text in expectation.open)
     assert any("none of these" in text for text in expectation.open)
     assert expectation.record["models"]["lag"]["share"] == pytest.approx(0.5)

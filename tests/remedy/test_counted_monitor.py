@@ -75,7 +75,7 @@ def test_a_car_with_its_mass_elsewhere_is_in_error_and_said_to_be(counted):
     assert other.counts[0].said_share > 0.9
     assert other.areas[0].lower > 0.8
     assert not other.is_blind(0)
-    assert counted.told == ()
+    assert counted.information == ()
     assert counted.delay(other.counts[0]) < 2.0
     text = " ".join(sentences(counted))
     assert "At CoG to front axle +40 % the lateral velocity is wrong by more than 0.013 m/s in" in text
@@ -90,9 +90,9 @@ def test_the_c_gives_the_same_verdicts_and_says_the_counts(counted, precision, t
     exported = run.export(study, None, precision, None, (None, 5.0), monitor=tmp_path / "monitor.toml")
     write_files(tmp_path, exported.files)
     flags = "CFLAGS=-O1 -g -Werror -fsanitize=address,undefined -fno-sanitize-recover=all"
-    told = made(tmp_path, "check", flags)
+    verdicts = made(tmp_path, "check", flags)
     for column in ("trust", "reasons"):
-        assert float(re.search(rf"{column} +(\S+) of its largest", told)[1]) == 0.0
+        assert float(re.search(rf"{column} +(\S+) of its largest", verdicts)[1]) == 0.0
     lines = exported.files["replay.csv"].splitlines()
     assert lines[0].endswith("nis,trust,reasons")
     assert {line.split(",")[-2] for line in lines[1:]} >= {"0.0", "1.0"}
@@ -122,15 +122,15 @@ def test_the_c_gives_the_same_verdicts_where_measurements_are_missing(counted, t
     (tmp_path / "gaps.csv").write_text("\n".join([",".join(names), *rows]) + "\n")
     made(tmp_path, "all")
     done = subprocess.run(["./foreign_ekf", "gaps.csv"], cwd=tmp_path, capture_output=True, text=True, check=True)
-    header, *told = done.stdout.splitlines()
+    header, *verdicts = done.stdout.splitlines()
     columns = [header.split(",").index(name) for name in ("trust", "reasons")]
-    in_c = np.array([[float(line.split(",")[c]) for c in columns] for line in told])
+    in_c = np.array([[float(line.split(",")[c]) for c in columns] for line in verdicts])
     groups = ("parameters", "process_noise", "measurement_noise", "first", "first_variance")
     values = [np.repeat(np.array(exported.export.values(g))[:, None], LANES, axis=1) for g in groups]
     lanes = [np.repeat(each[:, :, None], LANES, axis=2) for each in (inputs, measured)]
     held = Held(*values[:4], first_variance=values[4])
     python = exported.estimator.run(InputSeries(lanes[0]), lanes[1], held, Watching(counted.monitor.bounds))
-    assert (in_c == python.told[:, :2, 0]).all()
+    assert (in_c == python.verdicts[:, :2, 0]).all()
     assert {0.0, 1.0, 2.0} == set(in_c[:, 0])
     assert (in_c[430:450, 1].astype(int) & 32 > 0).all()
 

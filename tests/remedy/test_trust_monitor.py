@@ -78,7 +78,7 @@ def test_a_known_bias_is_seen_as_late_as_its_size_says(kf):
     soon = np.argmax(expected[:, 1] > bound - 2.0)
     crossed = np.argmax(np.abs(statistics[:, :, 1]) > bound, axis=1)
     assert soon < np.median(crossed) < 1.2 * late
-    alarms = np.stack([run.told[:, 1].astype(int) & 4 > 0 for run in runs])
+    alarms = np.stack([run.verdicts[:, 1].astype(int) & 4 > 0 for run in runs])
     assert (alarms[:, BEGUN:].argmax(axis=1) <= crossed).all()
     assert alarms[:, BEGUN - 100 : BEGUN].mean() < 0.01
 
@@ -87,12 +87,12 @@ def test_missing_measurements_are_said_and_do_not_move_the_averages(kf):
     u, y = drives(3)
     y[700:] = np.nan
     run = watched(kf, u, y)
-    assert (run.told[1, :2] == [[1.0] * LANES, [32.0] * LANES]).all()
-    assert (run.told[100:700, 0] == 0.0).mean() > 0.99
+    assert (run.verdicts[1, :2] == [[1.0] * LANES, [32.0] * LANES]).all()
+    assert (run.verdicts[100:700, 0] == 0.0).mean() > 0.99
     assert (run.statistics[700:] == run.statistics[699]).all()
     late = 700 + int(np.log(0.4) / np.log(1.0 - WEIGHT)) + 1  # the share of samples with measurements falls below 0.4
-    assert (run.told[late + 5 :, 1] == 32.0).all()
-    assert (run.told[700 : late - 5, 1] == 0.0).all()
+    assert (run.verdicts[late + 5 :, 1] == 32.0).all()
+    assert (run.verdicts[700 : late - 5, 1] == 0.0).all()
 
 
 def test_beyond_the_envelope_the_level_is_one(kf):
@@ -100,11 +100,11 @@ def test_beyond_the_envelope_the_level_is_one(kf):
     u[800:900] = 3.0
     high = np.array([2.0, 0.5, np.inf, np.inf, np.inf])
     run = watched(kf, u, y, bounds_of(WINDOW, (-9.0, 9.0), [9.0, 9.0], 0.4, -high, high))
-    assert (run.told[800:901, 1].astype(int) & 16 > 0).all()
-    assert (run.told[800:900, 0] >= 1.0).all()
-    assert (run.told[600:800, 0] == 0.0).all()
-    assert (run.told[900, 1].astype(int) & 16 > 0).all()  # the input is back, but came at a rate beyond
-    assert (run.told[901:, 1].astype(int) & 16 == 0).all()
+    assert (run.verdicts[800:901, 1].astype(int) & 16 > 0).all()
+    assert (run.verdicts[800:900, 0] >= 1.0).all()
+    assert (run.verdicts[600:800, 0] == 0.0).all()
+    assert (run.verdicts[900, 1].astype(int) & 16 > 0).all()  # the input is back, but came at a rate beyond
+    assert (run.verdicts[901:, 1].astype(int) & 16 == 0).all()
 
 
 def white(hours, seed, window, step):
@@ -125,8 +125,8 @@ def white(hours, seed, window, step):
 def run_of(rows, bounds, wrong):
     """Return a run in which statistics were held against bounds."""
     evidence = np.maximum.reduce([rows[:, 0] / bounds[1], rows[:, 0] / bounds[0], np.abs(rows[:, 1]) / bounds[2]])
-    told = np.column_stack([np.where(evidence > 1.0, 2.0, 0.0), np.zeros(len(rows)), evidence])
-    return WatchedRun(np.full((len(rows), 1), wrong), rows, told, np.empty((len(rows), 0)))
+    verdicts = np.column_stack([np.where(evidence > 1.0, 2.0, 0.0), np.zeros(len(rows)), evidence])
+    return WatchedRun(np.full((len(rows), 1), wrong), rows, verdicts, np.empty((len(rows), 0)))
 
 
 def test_false_alarms_come_as_often_as_is_allowed():
@@ -149,8 +149,8 @@ def test_what_is_said_and_when_is_counted():
     wrong, alarmed = np.zeros(100, dtype=bool), np.zeros(100, dtype=bool)
     wrong[20:40] = wrong[95:] = True
     alarmed[[10, 12]] = alarmed[35:45] = True
-    told = np.column_stack([2.0 * alarmed, np.where(alarmed, 5, 0), np.where(alarmed, 2.0, 0.5)])
-    run = WatchedRun(wrong[:, None], np.zeros((100, 2)), told, np.zeros((100, 0)))
+    verdicts = np.column_stack([2.0 * alarmed, np.where(alarmed, 5, 0), np.where(alarmed, 2.0, 0.5)])
+    run = WatchedRun(wrong[:, None], np.zeros((100, 2)), verdicts, np.zeros((100, 0)))
     (c,) = counted([run], 1, within=10, window=5)
     assert (c.samples[0], c.wrong[0]) == (100, 25)
     assert c.said[0] == 15  # 25 to 39
@@ -173,8 +173,8 @@ def test_the_area_of_two_normal_distributions_is_known():
         runs = []
         for _ in range(40):
             evidence = np.exp(rng.normal(size=200) + shift)
-            told = np.column_stack([np.zeros(200), np.zeros(200), evidence])
-            runs.append(WatchedRun(np.full((200, 1), wrong), np.zeros((200, 2)), told, np.zeros((200, 0))))
+            verdicts = np.column_stack([np.zeros(200), np.zeros(200), evidence])
+            runs.append(WatchedRun(np.full((200, 1), wrong), np.zeros((200, 2)), verdicts, np.zeros((200, 0))))
         return counted(runs, 1, 10, 5)[0]
 
     seen = area(counts_of(0.0, False), counts_of(1.0, True), seed=1)

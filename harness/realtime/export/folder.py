@@ -103,12 +103,14 @@ def _main(export: Export) -> str:
         *filled_from(face.inputs, "inputs", number, "values"),
         *filled_from(face.measurements, "measurements", number, "values", len(face.inputs)),
         f"    {name}_step(&estimator, &inputs, &measurements, &outcome);",
-        *(f"    told[{i}] = (double) outcome.value.{q.field};" for i, q in enumerate(face.estimates)),
-        *(f"    told[{count + i}] = (double) outcome.deviation.{q.field};" for i, q in enumerate(face.estimates)),
-        f"    told[{2 * count}] = outcome.used > 0 ? (double) outcome.nis : (double) NAN;",
+        *(f"    computed[{i}] = (double) outcome.value.{q.field};" for i, q in enumerate(face.estimates)),
+        *(f"    computed[{count + i}] = (double) outcome.deviation.{q.field};" for i, q in enumerate(face.estimates)),
+        f"    computed[{2 * count}] = outcome.used > 0 ? (double) outcome.nis : (double) NAN;",
     ]
     if export.monitor is not None:
-        step += [f"    told[{2 * count + 1 + i}] = (double) outcome.{n};" for i, n in enumerate(("trust", "reasons"))]
+        step += [
+            f"    computed[{2 * count + 1 + i}] = (double) outcome.{n};" for i, n in enumerate(("trust", "reasons"))
+        ]
     given = [q.name for q in (*face.inputs, *face.measurements)]
     return _filled(
         "main.c", export, GIVEN=_quoted(given), RESULTS=_quoted(results_of(export)), TAKE="\n".join(step),
@@ -128,10 +130,10 @@ def adapter(export: Export) -> str:
         *filled_from(face.inputs, "known", number, "inputs"),
         *filled_from(face.measurements, "measured", number, "measurements"),
     ]
-    told = []
+    computed = []
     for i, q in enumerate(face.estimates):
         deviation = f"(double) outcome.deviation.{q.field}"
-        told += [
+        computed += [
             f"    estimates[{i}] = (double) outcome.value.{q.field};",
             f"    variances[{i}] = {deviation} * {deviation};",
         ]
@@ -148,7 +150,7 @@ def adapter(export: Export) -> str:
         "int harness_step(void *state, const double *inputs, const double *measurements, double dt, double *estimates, "
         "double *variances, double *nis) {",
         f"    {name}_inputs known;\n    {name}_measurements measured;\n    {name}_outcome outcome;", *unused, *step,
-        f"    {name}_step(state, &known, &measured, &outcome);", *told,
+        f"    {name}_step(state, &known, &measured, &outcome);", *computed,
         "    if (outcome.used > 0) {\n        *nis = (double) outcome.nis;\n    }",
         "    return dt > 0.0 && outcome.outside ? 1 : 0;\n}",
     ])  # fmt: skip

@@ -118,7 +118,7 @@ def export(
         name: That everything in C begins with; study and estimator by default.
         recorded: Name of the drive of the recorded run, the first by default, and s of it, or the whole if it is
             shorter.
-        say: Told what is going on.
+        say: Informed of what is going on.
         monitor: File of its trust monitor, printed beside it.
 
     Raises:
@@ -170,7 +170,7 @@ def export(
     y[0] = np.nan
     trust = None
     if watch is not None:
-        trust = made.run(inputs, measurements, believed, Watching(watch.bounds)).told[:, :2, 0]
+        trust = made.run(inputs, measurements, believed, Watching(watch.bounds)).verdicts[:, :2, 0]
     files = folder.contents(export, made.has_covariance, inputs.at[..., 0], y, history, trust)
     length = f"{(samples - 1) * study.belief.step:g} s of drive '{driven.name}'"
     whole_drive = ", which is no longer" if duration > (there - 1) * study.belief.step else ""

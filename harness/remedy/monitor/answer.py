@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from harness.models.quantities import listed, quantity, words
 from harness.remedy.monitor.counts import per_hour
 from harness.remedy.monitor.outcome import OFTEN, Counted, Level
-from harness.remedy.monitor.sensors import LITTLE, Told
+from harness.remedy.monitor.sensors import LITTLE, ParameterInformation
 from harness.reporting.style import number, percent
 
 
@@ -94,7 +94,7 @@ def _blind(counted: Counted) -> Iterator[str]:
             f"At {names} the innovations hardly show that {beyond(counted, t)}: they tell a sample in error from one "
             f"without with an area under the curve of {number(largest, 2)} at most, where 0.5 is guessing."
         )
-    yield from (_could(each) for each in counted.told)
+    yield from (_could(each) for each in counted.information)
 
 
 def _unvaried(counted: Counted) -> Iterator[str]:
@@ -108,12 +108,14 @@ def _unvaried(counted: Counted) -> Iterator[str]:
         )
 
 
-def _could(told: Told) -> str:
+def _could(information: ParameterInformation) -> str:
     """Say what measurements tell of a parameter at best."""
-    name, own = words(told.parameter), percent(told.own)
-    others = [f"{what.replace(', ', ' with ')} ({percent(share)})" for what, share in list(told.others.items())[:2]]
+    name, own = words(information.parameter), percent(information.own)
+    others = [
+        f"{what.replace(', ', ' with ')} ({percent(share)})" for what, share in list(information.others.items())[:2]
+    ]
     rest = f"; measured in addition could: {listed(others)}" if others else "; no set of sensors does better"
-    if told.own > LITTLE:
+    if information.own > LITTLE:
         return (
             f"No monitor of these innovations can tell the {name}: at the end of a drive at best {own} of its "
             f"deviation remain unknown to anything that has these measurements (Fisher information){rest}."

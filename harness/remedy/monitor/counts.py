@@ -83,11 +83,11 @@ def counted(runs: Iterable[WatchedRun], targets: int, within: int, window: int) 
     """
     rows: list[list[list[object]]] = [[] for _ in range(targets)]
     for run in runs:
-        level, bits = run.told[:, 0], run.told[:, 1].astype(int)
+        level, bits = run.verdicts[:, 0], run.verdicts[:, 1].astype(int)
         alarmed, distrusted = level == CONTRADICTED, level > TRUSTED
         following, alarms = _following(alarmed), _alarms(alarmed, window)
         reasons = [int((bits & bit > 0).sum()) for bit in REASONS]
-        evidence = np.where(np.isnan(run.told[:, 2]), np.inf, run.told[:, 2])
+        evidence = np.where(np.isnan(run.verdicts[:, 2]), np.inf, run.verdicts[:, 2])
         for t in range(targets):
             wrong = run.wrong[:, t]
             places = np.arange(len(wrong))

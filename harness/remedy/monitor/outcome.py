@@ -11,7 +11,7 @@ from harness.config import StudySpec
 from harness.realtime.export.monitor import Monitor
 from harness.remedy.monitor.bounds import Calibrated
 from harness.remedy.monitor.counts import Counts
-from harness.remedy.monitor.sensors import Told
+from harness.remedy.monitor.sensors import ParameterInformation
 
 BLIND = 0.7
 """Area under the curve below which the innovations do not show an error."""
@@ -72,7 +72,7 @@ class Counted:
         kept: As believed, in runs within the limits that bounds are not from, by target.
         believed: The same in all runs.
         levels: Of the designs.
-        told: What measurements tell of parameters; empty where the innovations show all errors.
+        information: What measurements tell of parameters; empty where the innovations show all errors.
         drives: That kept the limits in a run at least, and those that did not in any.
     """
 
@@ -84,7 +84,7 @@ class Counted:
     kept: tuple[Counts, ...]
     believed: tuple[Counts, ...]
     levels: tuple[Level, ...]
-    told: tuple[Told, ...]
+    information: tuple[ParameterInformation, ...]
     drives: tuple[tuple[str, ...], tuple[str, ...]]
 
     def delay(self, counts: Counts) -> float:

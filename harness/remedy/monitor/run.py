@@ -23,7 +23,7 @@ from harness.remedy.monitor.bounds import Calibrated, calibrated, peaks
 from harness.remedy.monitor.counts import Counts, area, counted, joined
 from harness.remedy.monitor.outcome import Asked, Counted, Level
 from harness.remedy.monitor.runs import WatchedRun, Watcher
-from harness.remedy.monitor.sensors import told
+from harness.remedy.monitor.sensors import parameter_information
 from harness.runner.monitor import Bounds, bounds_of
 from harness.study.design import Unit
 
@@ -70,7 +70,7 @@ def count_monitor(
         asked: What it is to be.
         estimator: Name of an estimator; the first by default.
         jobs: Worker threads; by default one per core.
-        say: Told what is going on.
+        say: Informed of what is going on.
 
     Raises:
         UserError: If there is no such estimator, no limit, or no run as believed that keeps the limits.
@@ -112,7 +112,7 @@ def count_monitor(
     blind = any(level.is_blind(t) for level in levels for t in range(len(watcher.targets)))
     if blind:
         say("what measurements tell of the parameters")
-    shown = tuple(told(study, watcher.study.estimators[0].name)) if blind else ()
+    shown = tuple(parameter_information(study, watcher.study.estimators[0].name)) if blind else ()
     drives = tuple(d.name for d in study.drives)
     of_drives = envelope.kept, tuple(d for d in drives if d not in envelope.kept)
     result = Counted(

@@ -30,14 +30,14 @@ class WatchedRun:
     Attributes:
         wrong: Whether the error of each target is beyond its limit, or no number ``(samples, targets)``.
         statistics: Of NIS and innovations, in standard deviations of their averages ``(samples, 1 + ny)``.
-        told: Level of trust, reasons and evidence ``(samples, 3)``.
+        verdicts: Level of trust, reasons and evidence ``(samples, 3)``.
         seen: Inputs, their rates per sample, measurements, NaN where missing, and estimates
             ``(samples, 2 nu + ny + ns)``.
     """
 
     wrong: Mask
     statistics: Floats
-    told: Floats
+    verdicts: Floats
     seen: Floats
 
 
@@ -117,7 +117,7 @@ class Watcher:
         runs = []
         for lane in range(len(group)):
             kept = slice(first, max(int(batch.left_at[lane]), first))
-            parts = wrong, watched.statistics, watched.told, seen
+            parts = wrong, watched.statistics, watched.verdicts, seen
             runs.append(WatchedRun(*(np.ascontiguousarray(each[kept, :, lane]) for each in parts)))
         return runs
 

@@ -17,7 +17,7 @@ LITTLE = 0.5
 
 
 @dataclass(frozen=True)
-class Told:
+class ParameterInformation:
     """What a drive tells of a parameter at best, in the median over drives.
 
     Attributes:
@@ -31,7 +31,7 @@ class Told:
     others: dict[str, float]
 
 
-def told(study: StudySpec, estimator: str) -> list[Told]:
+def parameter_information(study: StudySpec, estimator: str) -> list[ParameterInformation]:
     """Return what measurements tell of each parameter that the first design varies, from the Fisher information.
 
     No statistic of the innovations tells more of it: they are a function of the same measurements.
@@ -51,7 +51,7 @@ def told(study: StudySpec, estimator: str) -> list[Told]:
                 shares[Remedy(equipment=equipment).measures] = share
         if own is not None:
             better = {k: v for k, v in sorted(shares.items(), key=lambda item: item[1]) if v < min(LITTLE, 0.9 * own)}
-            results.append(Told(factor.parameter, own, better))
+            results.append(ParameterInformation(factor.parameter, own, better))
     return results
 
 

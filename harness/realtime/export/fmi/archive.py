@@ -15,7 +15,7 @@ from pathlib import Path
 
 from harness.common.errors import UserError
 from harness.common.files import write_files
-from harness.realtime.export.fmi.component import Component
+from harness.realtime.export.fmi.component import FmuComponent
 from harness.realtime.export.fmi.description import FLAGS, build_description, compiled_files, description
 
 COMPILERS = ("cc", "gcc", "clang")
@@ -23,7 +23,7 @@ _ENTRIES = (1980, 1, 1, 0, 0, 0)
 """Time of all entries: the same FMU has the same bytes."""
 
 
-def fmu(component: Component, version: int) -> tuple[bytes, bool]:
+def fmu(component: FmuComponent, version: int) -> tuple[bytes, bool]:
     """Return an FMU, and whether it has a library for this machine: not where there is no compiler.
 
     Args:
@@ -50,7 +50,7 @@ def fmu(component: Component, version: int) -> tuple[bytes, bool]:
     return buffer.getvalue(), compiler is not None
 
 
-def sources(component: Component, version: int) -> dict[str, str]:
+def sources(component: FmuComponent, version: int) -> dict[str, str]:
     """Return the C of an FMU by file name."""
     templates = resources.files("harness.realtime.export").joinpath("templates")
     names = ("fmi_instance.h", f"fmi{version}.h", f"fmi{version}.c")
@@ -82,7 +82,7 @@ _ARCHITECTURES = {
 }  # fmt: skip
 
 
-def _library(component: Component, texts: Mapping[str, str], files: list[str], compiler: str) -> bytes:
+def _library(component: FmuComponent, texts: Mapping[str, str], files: list[str], compiler: str) -> bytes:
     """Return the bytes of the library."""
     with tempfile.TemporaryDirectory() as place:
         write_files(Path(place), texts)

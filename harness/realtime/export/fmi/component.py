@@ -43,7 +43,7 @@ class ModelVariable:
 
 
 @dataclass(frozen=True)
-class Component:
+class FmuComponent:
     """What an FMU is made of.
 
     Attributes:
@@ -130,7 +130,7 @@ def _squared(unit: str) -> str:
     return unit if unit in WITHOUT_UNIT else f"({unit})^2"
 
 
-def of_estimator(export: Export, has_covariance: bool, first: Sequence[float]) -> Component:
+def of_estimator(export: Export, has_covariance: bool, first: Sequence[float]) -> FmuComponent:
     """Return an estimator as a model of FMI.
 
     Args:
@@ -163,26 +163,26 @@ def of_estimator(export: Export, has_covariance: bool, first: Sequence[float]) -
         for group, meaning in BELIEVED.items()
         for q, value in zip(export.quantities(group), export.values(group), strict=True)
     ]  # fmt: skip
-    told = [
+    results = [
         (ModelVariable(f"estimate_{q.name}", "output", f"estimate: {_described(q)}", q.unit), f"value.{q.field}")
         for q in face.estimates
     ]
-    told += [(v, f"deviation.{q.field}") for v, q in zip(_deviations(face.estimates), face.estimates, strict=True)]
-    told += [(_NIS, "nis"), (_LIKELIHOOD, "log_likelihood")]
-    told = told if has_covariance else told[: len(face.estimates)]
-    told += [(_USED, "used"), (_OUTSIDE, "outside")]
-    told += [] if export.monitor is None else [(v, v.name) for v in _WATCHED]
+    results += [(v, f"deviation.{q.field}") for v, q in zip(_deviations(face.estimates), face.estimates, strict=True)]
+    results += [(_NIS, "nis"), (_LIKELIHOOD, "log_likelihood")]
+    results = results if has_covariance else results[: len(face.estimates)]
+    results += [(_USED, "used"), (_OUTSIDE, "outside")]
+    results += [] if export.monitor is None else [(v, v.name) for v in _WATCHED]
     begin = len(known) + len(measured) + len(valid)
-    variables = _distinct([*known, *measured, *valid, *believed, *(v for v, _ in told)])
+    variables = _distinct([*known, *measured, *valid, *believed, *(v for v, _ in results)])
     functions = _OF_ESTIMATOR.format(
         name=name,
         inputs="\n".join(filled_from(face.inputs, "inputs", number, "v")),
         measurements="\n".join(_measurement(face.measurements, number, len(known))),
         belief="\n".join(_belief(export, number, begin)),
-        outputs=_outputs([of for _, of in told], begin + len(believed)),
+        outputs=_outputs([of for _, of in results], begin + len(believed)),
     )
     texts = {f"{name}.h": header(export), f"{name}.c": source(export)}
-    return Component(name, export.title, export.step, True, (*variables, _CLOCK), functions, texts)
+    return FmuComponent(name, export.title, export.step, True, (*variables, _CLOCK), functions, texts)
 
 
 def _deviations(estimates: Sequence[Quantity]) -> list[ModelVariable]:
@@ -227,10 +227,10 @@ def _belief(export: Export, number: str, first: int) -> list[str]:
 def _outputs(fields: Sequence[str], first: int) -> str:
     lines = []
     for i, field in enumerate(fields):
-        told = f"(double) outcome.{field}"
+        results = f"(double) outcome.{field}"
         if field == "nis":
-            told = f"outcome.used > 0 ? {told} : 0.0"
-        lines.append(f"    v[{first + i}] = {told if field != 'outside' else 'outcome.outside ? 1.0 : 0.0'};")
+            results = f"outcome.used > 0 ? {results} : 0.0"
+        lines.append(f"    v[{first + i}] = {results if field != 'outside' else 'outcome.outside ? 1.0 : 0.0'};")
     return "\n".join(lines)
 
 
@@ -262,7 +262,7 @@ static void model_follow(model *m, double *v) {{
 """
 
 
-def of_a_plant(plant: PlantExport) -> Component:
+def of_a_plant(plant: PlantExport) -> FmuComponent:
     """Return a plant as a model of FMI."""
     name, number = plant.name, f"{plant.name}_real"
     states = set(plant.states)
@@ -276,8 +276,10 @@ def of_a_plant(plant: PlantExport) -> Component:
         )
         for q in plant.first
     ]
-    told = [ModelVariable(q.name, "output", _described(q), q.unit, direct=q.name not in states) for q in plant.signals]
-    told.append(_OUTSIDE)
+    results = [
+        ModelVariable(q.name, "output", _described(q), q.unit, direct=q.name not in states) for q in plant.signals
+    ]
+    results.append(_OUTSIDE)
     outputs = len(inputs) + len(parameters) + len(first)
     lines = [f"    v[{outputs + i}] = (double) signals.{q.field};" for i, q in enumerate(plant.signals)]
     functions = _OF_PLANT.format(
@@ -289,8 +291,8 @@ def of_a_plant(plant: PlantExport) -> Component:
         ]),
         outputs="\n".join([*lines, f"    v[{outputs + len(lines)}] = outside ? 1.0 : 0.0;"]),
     )  # fmt: skip
-    variables = _distinct([*inputs, *parameters, *first, *told])
-    return Component(name, plant.title, plant.step, False, (*variables, _CLOCK), functions, files(plant))
+    variables = _distinct([*inputs, *parameters, *first, *results])
+    return FmuComponent(name, plant.title, plant.step, False, (*variables, _CLOCK), functions, files(plant))
 
 
 _OF_PLANT = """typedef {name} model;

@@ -10,7 +10,7 @@ from xml.sax.saxutils import quoteattr
 from harness.common.errors import UserError
 from harness.common.units import scale
 from harness.external.fmu.units import base_units, exponents
-from harness.realtime.export.fmi.component import WITHOUT_UNIT, Component, ModelVariable
+from harness.realtime.export.fmi.component import WITHOUT_UNIT, FmuComponent, ModelVariable
 
 _FIRST_LINE = '<?xml version="1.0" encoding="UTF-8"?>'
 FLAGS = "-std=c99 -ffp-contract=off"
@@ -19,7 +19,7 @@ FLAGS = "-std=c99 -ffp-contract=off"
 _CAUSALITY = {"measurement": "input", "valid": "input", "time": "independent"}
 
 
-def description(component: Component, version: int) -> str:
+def description(component: FmuComponent, version: int) -> str:
     """Return ``modelDescription.xml``.
 
     Args:
@@ -66,7 +66,7 @@ def description(component: Component, version: int) -> str:
     ]) + "\n"  # fmt: skip
 
 
-def build_description(component: Component) -> str:
+def build_description(component: FmuComponent) -> str:
     """Return ``buildDescription.xml`` of FMI 3.0."""
     files = "".join(f"<SourceFile name={quoteattr(n)}/>" for n in compiled_files(component, 3))
     return (
@@ -76,7 +76,7 @@ def build_description(component: Component) -> str:
     )
 
 
-def compiled_files(component: Component, version: int) -> list[str]:
+def compiled_files(component: FmuComponent, version: int) -> list[str]:
     """Return the sources that a compiler takes."""
     return [*(name for name in component.files if name.endswith(".c")), f"fmi{version}.c"]
 
@@ -135,7 +135,7 @@ def _variable(variable: ModelVariable, reference: int, sampled: bool, two: bool)
     return f"<{kind}{_attributes(whole | number)}/>"
 
 
-def _structure(component: Component, two: bool) -> list[str]:
+def _structure(component: FmuComponent, two: bool) -> list[str]:
     """Return the outputs: which of them follow at once from inputs, and that all of them begin with the others."""
     outputs = [(i, v) for i, v in enumerate(component.variables) if v.role == "output"]
     key = "index" if two else "valueReference"

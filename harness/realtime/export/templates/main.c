@@ -110,7 +110,7 @@ static double number(const char *path, int column) {
     return value;
 }
 
-static void step(const double *values, double *told, bool *outside) {
+static void step(const double *values, double *computed, bool *outside) {
     @NAME@_inputs inputs;
     @NAME@_measurements measurements;
     @NAME@_outcome outcome;
@@ -123,7 +123,8 @@ int main(int argc, char **argv) {
     const char *path = argc > 1 + checks ? argv[1 + checks] : NULL;
     double tolerance = argc > 3 ? strtod(argv[3], NULL) : @TOLERANCE@;
     int columns[GIVEN + 1], expected[RESULTS], count, width, clock, failed = 0;
-    double began = 0.0, before = 0.0, values[GIVEN + 1], told[RESULTS], off[RESULTS] = {0.0}, largest[RESULTS] = {0.0};
+    double began = 0.0, before = 0.0, values[GIVEN + 1];
+    double computed[RESULTS], off[RESULTS] = {0.0}, largest[RESULTS] = {0.0};
     long samples = 0;
     bool outside = false;
     @NAME@_belief belief;
@@ -174,15 +175,15 @@ int main(int argc, char **argv) {
                 refused(path, "there is no number of the input ", given[i]);
             }
         }
-        step(values, told, &outside);
+        step(values, computed, &outside);
         for (int i = 0; i < RESULTS; i++) {
             double other = number(path, expected[i]);
             if (!checks) {
-                printf("%.9g,", told[i]);
-            } else if (isnan(told[i]) != isnan(other) && expected[i] >= 0) {
+                printf("%.9g,", computed[i]);
+            } else if (isnan(computed[i]) != isnan(other) && expected[i] >= 0) {
                 off[i] = (double) INFINITY;
             } else if (!isnan(other)) {
-                off[i] = fmax(off[i], fabs(told[i] - other));
+                off[i] = fmax(off[i], fabs(computed[i] - other));
                 largest[i] = fmax(largest[i], fabs(other));
             }
         }
