@@ -1,11 +1,9 @@
 """Estimators and plants as FMUs: FMPy validates and runs them, and the harness takes them back."""
 
-import ctypes
 import dataclasses
 import subprocess
 import tomllib
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -16,6 +14,7 @@ from harness.common.errors import UserError
 from harness.common.files import write_files
 from harness.config import build_study
 from harness.external.fmu.model import platform_of, read_model
+from harness.models.roles import VEHICLES
 from harness.realtime.export import run
 from harness.realtime.export.fmi.archive import binary_place, fmu, sources
 from harness.realtime.export.fmi.component import of_a_plant, of_estimator
@@ -28,6 +27,7 @@ from harness.simulation.simulate import simulate_drive
 from harness.study.design import units
 from harness.study.evaluate import StudyEvaluator
 from support.exports import COMPILER, made
+from support.fmu_instance import Slave
 from support.observers import CONTENT, needs_compiler
 
 fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed")
@@ -64,72 +64,6 @@ def written(component, version, folder):
     path = folder / f"{component.name}.fmu"
     path.write_bytes(content)
     return path
-
-
-class Slave:
-    """An instance of an FMU, in the calls of both versions; ``said`` is of all, as FMPy has one logger for FMI 2."""
-
-    said: ClassVar[list[tuple]] = []
-
-    def __init__(self, path, token=None):
-        from fmpy.fmi2 import FMU2Slave
-        from fmpy.fmi3 import FMU3Slave
-
-        described = fmpy.read_model_description(str(path))
-        self.version = described.fmiMajorVersion
-        self.references = {v.name: v.valueReference for v in described.modelVariables}
-        self.fmu = (FMU2Slave if self.version == 2 else FMU3Slave)(
-            guid=token or described.guid,
-            modelIdentifier=described.coSimulation.modelIdentifier,
-            unzipDirectory=fmpy.extract(str(path)),
-        )
-        if self.version == 2:
-            from fmpy.fmi2 import addLoggerProxy, defaultCallbacks, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
-
-            def hear(environment, name, status, category, message):
-                self.said.append((status, category, message))
-
-            callbacks = fmi2CallbackFunctions()
-            callbacks.logger = self._hear = fmi2CallbackLoggerTYPE(hear)
-            callbacks.allocateMemory = defaultCallbacks.allocateMemory
-            callbacks.freeMemory = defaultCallbacks.freeMemory
-            addLoggerProxy(ctypes.byref(callbacks))
-            self.fmu.instantiate(callbacks=callbacks)
-        else:
-            self.fmu.instantiate(logMessage=lambda environment, *said: self.said.append(said))
-
-    def begin(self, **first):
-        if self.version == 2:
-            self.fmu.setupExperiment(startTime=0.0)
-        self.fmu.enterInitializationMode()
-        self.set(**first)
-        self.fmu.exitInitializationMode()
-        return self
-
-    def set(self, **values):
-        for name, value in values.items():
-            reference = [self.references[name]]
-            if isinstance(value, bool):
-                self.fmu.setBoolean(reference, [value])
-            elif self.version == 2:
-                self.fmu.setReal(reference, [value])
-            else:
-                self.fmu.setFloat64(reference, [value])
-
-    def get(self, *names):
-        references = [self.references[n] for n in names]
-        return list(self.fmu.getReal(references) if self.version == 2 else self.fmu.getFloat64(references))
-
-    def whole(self, *names):
-        references = [self.references[n] for n in names]
-        return list(self.fmu.getInteger(references) if self.version == 2 else self.fmu.getInt32(references))
-
-    def step(self, at, size=STEP):
-        self.fmu.doStep(at, size)
-
-    @property
-    def words(self):
-        return [text.decode() if isinstance(text, bytes) else text for _, _, text in self.said]
 
 
 INPUTS = {"steering_wheel_angle": 0.1, "speed": 15.0}
@@ -334,11 +268,30 @@ def test_parameters_are_fixed_once_initialised_and_another_token_is_refused(vers
     assert heavy.get(*ESTIMATES) == usual.get(*ESTIMATES)
     with pytest.raises(Exception, match="instantiate"):
         Slave(path, "{of another}")
-    negative = Slave(path)
-    negative.set(**{"measurement_noise.yaw_rate": -1e-4})
-    with pytest.raises(Exception, match="error"):
-        negative.begin(**INPUTS)
-    assert negative.words[-1] == "is a variance and below zero: measurement_noise.yaw_rate"
+
+
+@VERSIONS
+@pytest.mark.parametrize("of", ["estimator", "plant"])
+def test_what_a_parameter_cannot_be_is_refused(version, of, tmp_path, request):
+    component = request.getfixturevalue(of)
+    path = written(component, version, tmp_path)
+    described = {v.name: v for v in fmpy.read_model_description(str(path)).modelVariables}
+    (mass,) = (p for p in VEHICLES.load(CONTENT["plant"]["vehicle"]).PARAMETERS if p.name == "mass")
+    assert (float(described["mass"].min), float(described["mass"].max)) == (mass.lower, mass.upper)
+    refused = {"mass": -1.0, "cog_to_front_axle": 1e3}
+    if of == "estimator":
+        refused["measurement_noise.yaw_rate"] = -1e-4
+        assert float(described["measurement_noise.yaw_rate"].min) == 0.0
+    for name, value in refused.items():
+        slave = Slave(path)
+        slave.set(**{name: value})
+        with pytest.raises(Exception, match="error"):
+            slave.begin(**INPUTS)
+        assert slave.words[-1].startswith(f"{name} = {value:g}, which may be ")
+    for value in (mass.lower, mass.upper):
+        slave = Slave(path)
+        slave.set(mass=value)
+        slave.begin(**INPUTS)
 
 
 @VERSIONS

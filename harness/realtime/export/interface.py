@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from harness.common.errors import UserError
 from harness.engine.c99.functions import RESERVED
@@ -19,14 +20,17 @@ class Quantity:
     Attributes:
         name: Word used in studies.
         field: C identifier.
-        says: Unit, frame and meaning.
+        says: Unit, frame or bounds, and meaning.
         value: What the study believes, of what it states.
+        lower, upper: What a parameter may be.
     """
 
     name: str
     field: str
     says: str
     value: float | None = None
+    lower: float = -math.inf
+    upper: float = math.inf
 
     @property
     def unit(self) -> str:
@@ -69,17 +73,20 @@ def of_signals(names: Iterable[str]) -> tuple[Quantity, ...]:
 
 
 def of_parameters(compiled: CompiledModel, values: Sequence[float]) -> tuple[Quantity, ...]:
-    """Return the quantities that the parameters of a model are, with their values."""
-    return _quantities(((p.name, _joined(p.unit, "", p.meaning)) for p in compiled.model.parameters), values)
+    """Return the quantities that the parameters of a model are, with their values and bounds."""
+    declared = compiled.model.parameters
+    says = [_joined(p.unit, f"{p.lower:g} to {p.upper:g}", p.meaning) for p in declared]
+    named = _quantities(zip([p.name for p in declared], says, strict=True), values)
+    return tuple(replace(q, lower=p.lower, upper=p.upper) for q, p in zip(named, declared, strict=True))
 
 
 def _of_signal(name: str) -> str:
     about: Mapping[str, str] = signal_attributes(name)
-    return _joined(about["units"], about["frame"], about["long_name"])
+    return _joined(about["units"], f"frame {about['frame']}" if about["frame"] else "", about["long_name"])
 
 
-def _joined(unit: str, frame: str, meaning: str) -> str:
-    parts = [unit or "1", f"frame {frame}" if frame else "", meaning]
+def _joined(unit: str, between: str, meaning: str) -> str:
+    parts = [unit or "1", between, meaning]
     return "; ".join(part for part in parts if part).replace("*/", "* /")
 
 

@@ -29,7 +29,7 @@ class ModelVariable:
         type: Of its values.
         start: Of what can be set.
         direct: Whether an output depends on the inputs of the same time.
-        least: What it may be, minus infinity where nothing bounds it; 0 of a variance.
+        least, most: What it may be, infinite where nothing bounds it; of a variance 0 and more.
     """
 
     name: str
@@ -40,6 +40,7 @@ class ModelVariable:
     start: float = 0.0
     direct: bool = False
     least: float = -math.inf
+    most: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,8 @@ class FmuComponent:
     def model_header(self) -> str:
         """``fmi_model.h``: the table of the variables, and the functions."""
         rows = [
-            f"    {{\"{_escaped(v.name)}\", '{v.role[0]}', '{v.type[0]}', {_number(v.start)}, {_number(v.least)}}},"
+            f"    {{\"{_escaped(v.name)}\", '{v.role[0]}', '{v.type[0]}', {_number(v.start)}, {_number(v.least)}, "
+            f"{_number(v.most)}}},"
             for v in self.variables
         ]
         return "\n".join([
@@ -84,7 +86,7 @@ class FmuComponent:
             f'#define MODEL_NAME "{self.name}"\n#define MODEL_TOKEN "{self.token}"\n#define MODEL_STEP {self.step!r}',
             f"#define VARIABLES {len(rows)}\n#define TIME {len(rows) - 1}\n",
             "/* Roles: " + ", ".join(f"{r[0]} {r}" for r in _ROLES) + "; types: real, integer, boolean. */",
-            "static const struct {\n    const char *name;\n    char role, type;\n    double start, least;\n} "
+            "static const struct {\n    const char *name;\n    char role, type;\n    double start, least, most;\n} "
             "variables[VARIABLES] = {",
             *rows,
             f"}};\n\n{self.functions}",
@@ -105,7 +107,9 @@ def _escaped(name: str) -> str:
 
 
 def _number(value: float) -> str:
-    return "NAN" if math.isnan(value) else "-INFINITY" if value == -math.inf else repr(float(value))
+    if math.isinf(value):
+        return "INFINITY" if value > 0 else "-INFINITY"
+    return "NAN" if math.isnan(value) else repr(float(value))
 
 
 def _distinct(variables: Iterable[ModelVariable]) -> tuple[ModelVariable, ...]:
@@ -158,7 +162,7 @@ def of_estimator(export: Export, has_covariance: bool, first: Sequence[float]) -
             q.name if group == "parameters" else f"{group}.{q.name}", "parameter",
             f"believed: {_described(q)}" if group == "parameters" else f"believed {meaning}: {_described(q)}",
             _squared(q.unit) if group in _VARIANCES else q.unit, start=value,
-            least=0.0 if group in _VARIANCES else -math.inf,
+            least=0.0 if group in _VARIANCES else q.lower, most=math.inf if group in _VARIANCES else q.upper,
         )
         for group, meaning in BELIEVED.items()
         for q, value in zip(export.quantities(group), export.values(group), strict=True)
@@ -268,7 +272,10 @@ def of_a_plant(plant: PlantExport) -> FmuComponent:
     states = set(plant.states)
     inputs = [ModelVariable(q.name, "input", _described(q), q.unit, start=float(q.value or 0.0)) for q in plant.inputs]
     parameters = [
-        ModelVariable(q.name, "parameter", _described(q), q.unit, start=float(q.value or 0.0)) for q in plant.parameters
+        ModelVariable(
+            q.name, "parameter", _described(q), q.unit, start=float(q.value or 0.0), least=q.lower, most=q.upper
+        )
+        for q in plant.parameters
     ]
     first = [
         ModelVariable(

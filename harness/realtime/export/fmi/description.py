@@ -126,8 +126,8 @@ def _variable(variable: ModelVariable, reference: int, sampled: bool, two: bool)
     number = _start(variable)
     if variable.type == "real" and variable.unit not in WITHOUT_UNIT:
         number["unit"] = variable.unit
-    if variable.least > -math.inf:
-        number["min"] = repr(variable.least)
+    number |= {key: repr(float(bound)) for key, bound in (("min", variable.least), ("max", variable.most))
+               if math.isfinite(bound)}  # fmt: skip
     if two:
         kind = {"real": "Real", "integer": "Integer", "boolean": "Boolean"}[variable.type]
         return f"<ScalarVariable{_attributes(whole)}><{kind}{_attributes(number)}/></ScalarVariable>"

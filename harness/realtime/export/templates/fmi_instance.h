@@ -61,7 +61,7 @@ static instance *instantiated(callbacks importer, const char *token) {
     return c;
 }
 
-/* Refuse what is set and is no number, or less than it may be, although the model needs it. */
+/* Refuse what is set and is no number, or beyond what it may be, although the model needs it. */
 static int acceptable(const instance *c, bool parameters) {
     for (int i = 0; i < VARIABLES; i++) {
         if (variables[i].role != 'i' && !(parameters && variables[i].role == 'p')) {
@@ -70,8 +70,11 @@ static int acceptable(const instance *c, bool parameters) {
         if (!isfinite(c->now.values[i])) {
             return refused(c, IS_ERROR, "is no number: ", variables[i].name);
         }
-        if (c->now.values[i] < variables[i].least) {
-            return refused(c, IS_ERROR, "is a variance and below zero: ", variables[i].name);
+        if (c->now.values[i] < variables[i].least || c->now.values[i] > variables[i].most) {
+            char text[128];
+            snprintf(text, sizeof text, " = %.9g, which may be %.9g to %.9g", c->now.values[i], variables[i].least,
+                     variables[i].most);
+            return refused(c, IS_ERROR, variables[i].name, text);
         }
     }
     return IS_OK;
