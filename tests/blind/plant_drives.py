@@ -1,4 +1,4 @@
-"""What the driver does for two minutes: manoeuvres in random order at speeds that change.
+"""What the driver does: two minutes of manoeuvres in random order at speeds that change, or a drive that is stated.
 
 A manoeuvre asks for lateral acceleration; the steering-wheel angle follows from the curvature and an understeer
 gradient, so a drive is as hard at every speed. Everything is laid out on half steps, which Runge-Kutta reads.
@@ -51,7 +51,7 @@ DRIVERS = {
 
 @dataclass(frozen=True)
 class Drive:
-    """The driver's inputs at half steps from ``-RUN_IN`` to ``DURATION``, arrays ``(half steps,)``.
+    """The driver's inputs at half steps from ``-RUN_IN`` to the end, arrays ``(half steps,)``.
 
     Attributes:
         time: s.
@@ -125,9 +125,23 @@ MANOEUVRES: dict[str, Callable[[Array, float, Driver, np.random.Generator], Arra
 }
 
 
-def half_steps() -> Array:
+def half_steps(duration: float = DURATION) -> Array:
     """Return the times in s on which drives are laid out; index ``2 * RUN_IN / STEP`` is time 0."""
-    return (np.arange(round(2 * (RUN_IN + DURATION) / STEP) + 1) - round(2 * RUN_IN / STEP)) * (STEP / 2)
+    return (np.arange(round(2 * (RUN_IN + duration) / STEP) + 1) - round(2 * RUN_IN / STEP)) * (STEP / 2)
+
+
+def stated(time: Array, steering_wheel_angle: Array, speed: Array) -> Drive:
+    """Return a drive of straight lines between stated values, behind a run-in with the first of them.
+
+    Args:
+        time: s, rising, the first 0 ``(samples,)``.
+        steering_wheel_angle: rad, left positive ``(samples,)``.
+        speed: m/s ``(samples,)``.
+    """
+    t = half_steps(round(time[-1] / STEP) * STEP)
+    slopes = np.append(np.diff(speed) / np.diff(time), 0.0)
+    rate = np.where(t < 0.0, 0.0, slopes[np.clip(np.searchsorted(time, t, side="right") - 1, 0, len(time) - 1)])
+    return Drive(t, np.interp(t, time, steering_wheel_angle), np.interp(t, time, speed), rate, ())
 
 
 def draw(vehicle: str, rng: np.random.Generator) -> Drive:

@@ -42,11 +42,11 @@ class Changes(NamedTuple):
     payload: float
 
 
-def draw_changes(rng: np.random.Generator) -> Changes:
+def draw_changes(rng: np.random.Generator, duration: float = DURATION) -> Changes:
     """Return change times that leave at least a quarter of the drive on either side."""
-    begin = rng.uniform(0.25, 0.45) * DURATION
-    length = rng.uniform(0.15, 0.3) * DURATION
-    return Changes(begin, begin + length, *(rng.uniform(0.3, 0.7, 2) * DURATION))
+    begin = rng.uniform(0.25, 0.45) * duration
+    length = rng.uniform(0.15, 0.3) * duration
+    return Changes(begin, begin + length, *(rng.uniform(0.3, 0.7, 2) * duration))
 
 
 def steered(angle: Array, column: Column) -> Array:
@@ -95,7 +95,7 @@ def _winding_bank(distance: Array, deviation: float, rng: np.random.Generator) -
 def _pulses(t: Array, rng: np.random.Generator) -> Array:
     """Return half-sine jerks of 0.3 s to either side, about one in three seconds."""
     y, begin = np.zeros_like(t), 0.0
-    while (begin := begin + rng.uniform(1.5, 4.5)) < DURATION:
+    while (begin := begin + rng.uniform(1.5, 4.5)) < t[-1]:
         there = slice(*np.searchsorted(t, [begin, begin + 0.3]))
         y[there] = rng.choice([-1.0, 1.0]) * np.sin(np.pi * (t[there] - begin) / 0.3)
     return y

@@ -39,19 +39,23 @@ def solve(truth: Truth, u: Array, step: float) -> Array:
     return out
 
 
-def drive(truth: Truth, seed: np.random.SeedSequence, logger: Logger | None = None) -> Driven:
+def drive(
+    truth: Truth, seed: np.random.SeedSequence, logger: Logger | None = None, stated: Drive | None = None
+) -> Driven:
     """Drive once.
 
     Args:
         truth: What is true of vehicle and surroundings.
         seed: Decides manoeuvres, change times, road and noise, each by a stream of its own.
         logger: The measuring system of a recording in field or bus quality; a clean one by default.
+        stated: What is driven; drawn by default.
 
     Raises:
         FloatingPointError: If the vehicle left the range in which its equations hold.
     """
     streams = [np.random.default_rng(s) for s in seed.spawn(4)]
-    plan, changes = draw_drive(truth.vehicle, streams[0]), draw_changes(streams[1])
+    plan = stated or draw_drive(truth.vehicle, streams[0])
+    changes = draw_changes(streams[1], float(plan.time[-1]))
     u = inputs(plan, truth.column(), truth.surroundings(), changes, streams[2])
     out = solve(truth, u, STEP)
     if not np.isfinite(out).all() or np.abs(out[:, :3]).max() > 12.0:

@@ -9,6 +9,7 @@ import numpy as np
 import plant
 import pytest
 from plant_cases import Channel, Drawn, Truth, cases, choose, draw, seeds
+from plant_drives import stated
 from plant_effects import CATALOGUE, Effect
 from plant_environment import Changes, Column, Surroundings, draw_changes
 from plant_equations import Car, Semitrailer
@@ -159,6 +160,58 @@ def test_recordings_and_seal(tmp_path, capsys):
     assert set(sealed["parameters"]) == {"stiffness_peak_11", "stiffness_peak_12", "stiffness_peak_2"}
     assert set(sealed["drives"]) == set(plant.DRIVES)
     assert len({d["changes"]["gust_begin"] for d in sealed["drives"].values()}) == 3
+
+
+def planned(folder, seconds=25.0):
+    """A table of a weave at a speed that rises, as ``harness next-drive`` writes them."""
+    time = np.arange(0.0, seconds + 1e-9, 0.01)
+    angle = 0.5 * np.sin(2.0 * np.pi * 0.4 * time)
+    np.savetxt(folder / "1-weave.csv", np.column_stack([time, angle, angle / 16.0, 12.0 + 0.1 * time]), delimiter=",",
+               header="time,steering_wheel_angle,road_wheel_angle,speed", comments="")  # fmt: skip
+    return folder / "1-weave.csv"
+
+
+@pytest.mark.parametrize("quality", ["clean", "field"])
+def test_a_planned_drive_is_driven_by_the_same_vehicle(quality, tmp_path):
+    name = ["--case", "car-crosswind-medium", "--repeat", "2", "--quality", quality]
+    assert plant.main([*name, "--out", str(tmp_path / "own")]) == 0
+    assert plant.main([*name, "--drive", str(planned(tmp_path)), "--out", str(tmp_path / "further")]) == 0
+    seals = [json.loads((tmp_path / folder / "sealed.json").read_text()) for folder in ("own", "further")]
+    for key in ("case", "parameters", "noise", "recording"):
+        assert seals[0][key] == seals[1][key]
+    assert [e["parameters"] for e in seals[0]["effects"]] == [e["parameters"] for e in seals[1]["effects"]]
+    assert set(seals[1]["drives"]) == {"1-weave"}
+    assert 0.25 * 25.0 < seals[1]["drives"]["1-weave"]["changes"]["gust_begin"] < 0.45 * 25.0
+    recorded = np.genfromtxt(tmp_path / "further" / "1-weave.csv", delimiter=",", names=True)
+    late = next((-f["delay"] for f in seals[1]["recording"] if f["name"] == "steering_delay"), 0.0)
+    time = recorded["time"] - late
+    off = recorded["steering_wheel_angle"] - 0.5 * np.sin(2.0 * np.pi * 0.4 * time)
+    assert np.median(np.abs(off[time > 0.1])) < 2e-3
+    assert np.median(np.abs(recorded["speed"] - 12.0 - 0.1 * time)) < 0.06
+    assert not (tmp_path / "further" / "train_a.csv").exists()
+
+
+def test_the_rate_of_a_stated_speed_is_its_slope():
+    drive = stated(np.array([0.0, 2.0, 5.0]), np.array([0.1, 0.1, 0.4]), np.array([10.0, 14.0, 14.0]))
+    at = np.searchsorted(drive.time, [-3.0, 1.0, 3.0, 5.0])
+    np.testing.assert_allclose(drive.speed_rate[at], [0.0, 2.0, 0.0, 0.0])
+    np.testing.assert_allclose(drive.speed[at], [10.0, 12.0, 14.0, 14.0])
+    np.testing.assert_allclose(drive.steering_wheel_angle[at], [0.1, 0.1, 0.2, 0.4])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("time,speed\n0,10\n1,10\n", "steering_wheel_angle"),
+        ("time,steering_wheel_angle,speed\n0,0,10\n0,0,10\n", "rise from 0"),
+        ("time,steering_wheel_angle,speed\n0,0,10\n1,0,-1\n", "drives forward"),
+        ("time,steering_wheel_angle,speed\n0,a,10\n1,0,1\n", "no table"),
+    ],
+)
+def test_a_table_that_is_no_drive_is_refused(text, message, tmp_path, capsys):
+    (tmp_path / "d.csv").write_text(text)
+    assert plant.main(["--case", "car-none", "--drive", str(tmp_path / "d.csv"), "--out", str(tmp_path / "o")]) == 1
+    assert message in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
