@@ -171,6 +171,9 @@ MODULES: dict[str, Small | Begun | By] = {
     "bench.next_drive": Small(
         "--cases 1 --effort 4", rf"{NUMBER} % of 2 standard errors within 15 % of what was expected"
     ),
+    "bench.next_drive_proof": Begun(
+        "--draws 1 --out out", "harness.diagnosis.run.augmented_model_of", "vehicle='car'", "minutes"
+    ),
     "bench.notebooks": By("package/test_notebooks.py::test_it_runs"),
     "bench.peers": By("test_programs.py::test_the_peers_are_measured_where_they_are_installed"),
     "bench.quasi_monte_carlo": Small(
