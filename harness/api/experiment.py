@@ -1,4 +1,4 @@
-"""``harness.next_drive``: the drives that tell most of what an identification or a trace left open."""
+"""``harness.next_drive``: the drives that tell most of what an identification, a trace or a study left open."""
 
 from __future__ import annotations
 
@@ -30,8 +30,10 @@ def next_drive(
     """Plan the drives that tell most of what a result left open.
 
     Args:
-        result: Folder of ``harness identify`` or ``trace``; of a trace its confusable models are told apart.
-        wanted: Parameters that count, or their weights in a combination; those that are not determined by default.
+        result: Folder of ``harness identify``, ``trace`` or ``run``; of a trace its confusable models are told apart,
+            of a study the errors of its estimators become small.
+        wanted: Parameters that count, or their weights in a combination; those that are not determined by default. Of
+            a study targets and estimators, all by default, and a design, the first population by default.
         criterion: ``D``, the volume of their confidence ellipsoid; ``A``, the sum of their variances; ``c``, the
             variance of their combination.
         limits: TOML file, or limits by name: numbers in SI units, or text with a unit (docs/next-drive.md).

@@ -19,7 +19,7 @@ from harness.common.stages import showing
 class NextDriveOptions:
     """A result that left something open, and what may be driven."""
 
-    result: Annotated[Path, typer.Argument(help="Folder of harness identify or trace.")]
+    result: Annotated[Path, typer.Argument(help="Folder of harness identify, trace or run.")]
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", help="Folder of the drives and the report; RESULT/next-drive if absent."),
@@ -29,7 +29,8 @@ class NextDriveOptions:
         typer.Option(
             "--for",
             metavar="NAME[=WEIGHT]",
-            help="Parameters that count, with weights in the combination of c; the undetermined if absent; repeatable.",
+            help="Parameters that count, with weights in the combination of c; the undetermined if absent. Of a study "
+            "targets and estimators, all if absent, and a design. Repeatable.",
         ),
     ] = None
     criterion: Annotated[
@@ -57,9 +58,10 @@ class NextDriveOptions:
 
 @takes(NextDriveOptions)
 def next_drive(task: NextDriveOptions) -> None:
-    """Plan the drives that tell most of what an identification or a trace left open.
+    """Plan the drives that tell most of what an identification, a trace or a study left open.
 
-    Of an identification they make the errors of parameters small, of a trace they tell the confusable models apart.
+    Of an identification they make the errors of parameters small, of a trace they tell the confusable models apart, of
+    a study they make the errors of its estimators small.
     Manoeuvres of the standards, each with its free quantities, within the limits that are stated. Drives that some
     vehicle that is still possible would not survive within the limits are refused. Writes the drives for studies and
     for a steering robot, next_drive.json, and a report whose first page is for the driver.

@@ -129,7 +129,9 @@ def _robot(tried: TriedDrive, designed: Designed) -> str:
 
 
 def written_to(designed: Designed, folder: Path) -> list[str]:
-    """Return the commands that go on from the drives in a folder."""
+    """Return the commands that go on from the drives in a folder; none of a study, which keeps no parameter set."""
+    if not designed.plant.parameters:
+        return []
     tried, _ = designed.plan.sequence[0]
     drive = tried.rehearsed.drive
     options = [word for k, v in drive.options.items() for word in ("--option", f"{k}={v}")]

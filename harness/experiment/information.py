@@ -220,6 +220,14 @@ class EstimationGoal:
                 points.append(z)
         return tuple(space.candidates(z).values[:, 0] for z in points)
 
+    def measured_by(self, sensors: str) -> EstimationGoal:
+        """Return the same goal before drives with other sensors.
+
+        Raises:
+            UserError: If the noise of one is not known.
+        """
+        return EstimationGoal(self.fit.measured_by(sensors), self.wanted, self.criterion)
+
     def evidence(self, drive: Rehearsed) -> Evidence:
         """Return the Fisher information of a drive on all coordinates ``(n, n)``."""
         z = self.space.centre

@@ -140,7 +140,7 @@ def _over_time(axes: Axes, time: np.ndarray, values: np.ndarray, label: str) -> 
 
 
 def _expected(expectation: ExpectedOutcome) -> list[Block]:
-    caption = "Before and behind the drives, the first column in words, errors as standard deviations."
+    caption = "Before and behind the drives."
     return [Sheet(list(expectation.header), [list(r) for r in expectation.rows], caption, left=2)]
 
 
@@ -203,8 +203,9 @@ def _limits(limits: Limits, articulated: bool) -> str:
 
 def _made(designed: Designed, folder: Path, command: str) -> list[Block]:
     text = (
-        f"{command}. Every drive was simulated with the estimates and with "
-        f"{len(designed.goal.versions) - 1} further versions of the vehicle that are still possible, and refused where "
+        f"{command}. Every drive was simulated with the likeliest vehicle and with "
+        f"{len(designed.goal.versions) - 1} further ones that are still possible, and refused where "
         "one of them passes a limit or leaves the range of its equations."
     )
-    return [Prose(plain(text)), Listing("\n".join(written_to(designed, folder)))]
+    commands = written_to(designed, folder)
+    return [Prose(plain(text)), *([Listing("\n".join(commands))] if commands else [])]

@@ -1,4 +1,4 @@
-"""From a folder of ``harness identify`` or ``trace`` to the drives that tell most of what it left open."""
+"""From a folder of ``harness identify``, ``trace`` or ``run`` to the drives that tell most of what it left open."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from harness.experiment.limits import Limits
 from harness.experiment.manoeuvres import SearchRange, chosen
 from harness.experiment.rehearsal import Rehearsal
 from harness.experiment.separation import TRACE, SeparationGoal, read_rivals
+from harness.experiment.study_error import SCORES, StudyGoal, read_study
 from harness.models.roles import SENSORS
 
 
@@ -28,7 +29,7 @@ class DesignTask:
 
     Attributes:
         folder: Of the result.
-        wanted: Parameters that count, with weights; see ``EstimationGoal``.
+        wanted: Parameters that count, with weights; see ``EstimationGoal`` and ``read_study``.
         criterion: ``D``, ``A`` or ``c``.
         limits: Of every drive.
         budget: s of driving.
@@ -119,7 +120,7 @@ def design_drives(task: DesignTask, say: Callable[[str], None] = lambda _: None)
         reasons = "; ".join(f"{name}: {why}" for name, why in plan.refused.items()) or "nothing tells more"
         raise UserError(f"no drive of {task.budget:g} s keeps to the limits ({reasons}); widen them or the budget")
     equipped = []
-    if isinstance(goal, EstimationGoal) and task.sensors:
+    if isinstance(goal, EstimationGoal | StudyGoal) and task.sensors:
         for name in fitting_sensors(spec.vehicle, spec.tyre):
             say(f"sensors: {name}")
             equipped.append(_equipped(task, goal, plan, name))
@@ -132,6 +133,12 @@ def _goal(task: DesignTask) -> Goal:
     Raises:
         UserError: If its vehicle has no steering wheel, or something is asked for that it has not.
     """
+    if (task.folder / SCORES).is_dir():
+        if task.criterion != "D":
+            raise UserError(f"{task.folder}: a criterion is asked of an identification; of a study errors count")
+        studied = read_study(task.folder, task.wanted)
+        _refuse_undriven(studied.spec, task.folder)
+        return StudyGoal(studied)
     if not (task.folder / TRACE).is_file():
         fit = read_fit(task.folder)
         _refuse_undriven(fit.spec, task.folder)
@@ -152,12 +159,12 @@ def _refuse_undriven(spec: ModelSpec, folder: Path) -> None:
         raise UserError(f"{folder}: drives are planned for a vehicle with a steering wheel; its inputs are {inputs}")
 
 
-def _equipped(task: DesignTask, goal: EstimationGoal, plan: DrivePlan, name: str) -> Equipped:
+def _equipped(task: DesignTask, goal: EstimationGoal | StudyGoal, plan: DrivePlan, name: str) -> Equipped:
     """Return what the planned drives tell with other sensors; those so far had theirs."""
     outputs = tuple(SENSORS.load(name).OUTPUTS)
     try:
-        other = EstimationGoal(goal.fit.measured_by(name), goal.wanted, goal.criterion)
-        alone = Rehearsal(other.model, other.fit.spec, other.versions[:1], 1, task.limits)
+        other = goal.measured_by(name)
+        alone = Rehearsal(other.model, other.model.spec, other.versions[:1], 1, task.limits)
         parts = []
         for tried, times in plan.sequence:
             again = alone.of(tried.rehearsed.drive)
