@@ -39,7 +39,7 @@ from harness.identification.filtered_model import Candidates, FilterRun
 from harness.identification.fisher_scoring import Maximum, maximise
 from harness.identification.objective import Driveable, LogPosterior
 from harness.identification.signal_noise import signal_noise
-from harness.identification.uncertainty import covariance_of
+from harness.identification.uncertainty import covariance_of, marginal
 
 ENOUGH = 0.3
 """Predicted gain in log-likelihood at which a fit ends; what is accepted gains dozens."""
@@ -287,6 +287,24 @@ class Fitting:
         """
         objective, z, parameters = self._objective(fitted.coordinates, fitted.point)
         return objective.slopes(z, parameters)[2]
+
+    def at_process_noise(self, fitted: FittedHypothesis, process: Floats) -> tuple[float, Floats, Floats]:
+        """Return the log posterior of a fit with other process noise, and what it then says of its parameters.
+
+        Args:
+            fitted: The fit; its parameters and measurement noise stay.
+            process: Logarithm of a factor on the first process-noise variances, by unit ``(groups,)``.
+
+        Returns:
+            Value, gradient ``(n,)`` and information ``(n, n)`` of the parameters that all drives share, in SI units,
+            with those of single drives open.
+        """
+        objective, z, parameters = self._objective(fitted.coordinates, replace(fitted.point, process=process))
+        n = len(fitted.coordinates)
+        value, gradient, information = objective.slopes(z, np.arange(len(parameters)) < n)
+        shared = [i for i, c in enumerate(fitted.coordinates) if not c.drives]
+        slopes = np.array([fitted.coordinates[i].slope(z[i]) for i in shared])
+        return value, gradient[shared] / slopes, marginal(information, shared) / np.outer(slopes, slopes)
 
     def columns(self, coordinates: Sequence[Coordinate], point: ParameterPoint) -> list[Floats]:
         """Return the derivatives of each drive's whitened innovations to the coordinates ``(samples * ny, n)``."""

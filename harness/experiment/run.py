@@ -18,7 +18,7 @@ from harness.experiment.information import Criterion, EstimationGoal, read_fit
 from harness.experiment.limits import Limits
 from harness.experiment.manoeuvres import SearchRange, chosen
 from harness.experiment.rehearsal import Rehearsal
-from harness.experiment.separation import TRACE, SeparationGoal, read_rivals
+from harness.experiment.separation import TRACE, SeparationGoal, read_trace
 from harness.experiment.study_error import SCORES, StudyGoal, read_study
 from harness.models.roles import SENSORS
 
@@ -147,9 +147,9 @@ def _goal(task: DesignTask) -> Goal:
         raise UserError(
             f"{task.folder}: parameters, criterion and sensors are asked of an identification, not of a trace"
         )
-    spec, rivals, none = read_rivals(task.folder)
-    _refuse_undriven(spec, task.folder)
-    return SeparationGoal(spec, rivals, none)
+    trace = read_trace(task.folder)
+    _refuse_undriven(trace.spec, task.folder)
+    return SeparationGoal(trace)
 
 
 def _refuse_undriven(spec: ModelSpec, folder: Path) -> None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -26,8 +26,8 @@ from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.experiment.contract import Evidence, ExpectedOutcome
 from harness.experiment.information import fitted_spec
 from harness.experiment.rehearsal import Rehearsed
+from harness.experiment.rival_filter import Parabolas, RivalFilter
 from harness.identification.coordinates import Coordinate, parameter_coordinate
-from harness.identification.data import DriveData
 from harness.identification.filtered_model import Candidates
 from harness.identification.measured_file import SHORTEST
 from harness.identification.uncertainty import covariance_of
@@ -44,21 +44,42 @@ STANDS = 0.95
 _APART = 4.0
 """``d^2`` below which two models stay confusable: their likelihoods differ by a factor of seven in the mean."""
 
-_LOST = 1e4
-"""``d^2`` of a rival whose filter diverges over what the right model leaves."""
-
-_REFITS = 2
-"""Gauss-Newton steps of a rival's parameters on each drive, behind which its tangent space is taken."""
-
-_FARTHEST = 1.0
-"""Longest of these steps from the fit, in the coordinates: a factor of e."""
-
 _DRAWS = 2000
 _MOST = 4
 """Models of the set that are told apart, the likeliest; each is run over what each other leaves."""
 
 _SCALE = 0.1
 """Coordinate of a parameter that may be negative: its value over this share of its bounds, as in a trace."""
+
+
+@dataclass(frozen=True)
+class DrivesSoFar:
+    """The drives of a trace.
+
+    Attributes:
+        levels: Levels of the process noise: variances per step by state.
+        fitted: s of driving that were fitted.
+        held_out: s of driving that judged.
+    """
+
+    levels: tuple[Mapping[str, float], ...]
+    fitted: float
+    held_out: float
+
+
+@dataclass(frozen=True)
+class AtLevel:
+    """What the fitted drives say of a model at a level of the process noise, in SI units.
+
+    Attributes:
+        log_posterior: With the parameters as fitted.
+        gradient: Of that ``(n,)``.
+        information: On the parameters ``(n, n)``.
+    """
+
+    log_posterior: float
+    gradient: Floats
+    information: Floats
 
 
 @dataclass(frozen=True)
@@ -71,6 +92,8 @@ class RivalModel:
         values: By parameter, as fitted.
         errors: Their standard errors; infinite where the drives say nothing.
         correlation: Of them ``(n, n)``.
+        measurement_noise: Variance with which it was fitted, by output.
+        at_levels: What the drives so far say of it at each level of the process noise.
     """
 
     name: str
@@ -78,10 +101,29 @@ class RivalModel:
     values: dict[str, float]
     errors: Floats
     correlation: Floats
+    measurement_noise: Mapping[str, float]
+    at_levels: tuple[AtLevel, ...]
 
 
-def read_rivals(folder: Path) -> tuple[ModelSpec, tuple[RivalModel, ...], float]:
-    """Return the nominal model of a trace, its confusable set, the likeliest first, and what is none of these.
+@dataclass(frozen=True)
+class OpenTrace:
+    """What a trace left to be told apart.
+
+    Attributes:
+        spec: The nominal model.
+        rivals: The confusable set, the likeliest first.
+        drives: Of the trace.
+        none: Probability that none of them is right.
+    """
+
+    spec: ModelSpec
+    rivals: tuple[RivalModel, ...]
+    drives: DrivesSoFar
+    none: float = 0.0
+
+
+def read_trace(folder: Path) -> OpenTrace:
+    """Return the nominal model of a trace and its confusable set.
 
     Raises:
         UserError: If the trace left nothing to be told apart, or an older version wrote it.
@@ -89,38 +131,45 @@ def read_rivals(folder: Path) -> tuple[ModelSpec, tuple[RivalModel, ...], float]
     file = folder / TRACE
     try:
         content: dict[str, Any] = json.loads(read_text(file))
-        models, none = content["confusable"]["models"], float(content["posterior"]["none_of_these"])
-        outputs = list(content["error"])
-        rivals = tuple(_rival(m) for m in sorted(models, key=lambda m: -m["share"])[:_MOST])
+        confusable, none = content["confusable"], float(content["posterior"]["none_of_these"])
+        outputs, noise = list(content["error"]), confusable["noise"]
+        drives = DrivesSoFar(tuple(noise["levels"]), float(noise["fitted_seconds"]), float(noise["held_out_seconds"]))
+        rivals = tuple(_rival(m) for m in sorted(confusable["models"], key=lambda m: -m["share"])[:_MOST])
     except (ValueError, KeyError, TypeError) as error:
         raise UserError(f"{file}: holds no confusable set with estimates; run harness trace again") from error
     if len(rivals) < 2:
         raise UserError(f"{file}: the trace left one model, {rivals[0].name}; there is nothing to be told apart")
-    spec = fitted_spec(folder / "nominal.toml", ", ".join(outputs))
-    amended = folder / "amended.toml"
-    if amended.is_file():  # whose noise is not enlarged by what the nominal model lacks
-        better = fitted_spec(amended, ", ".join(outputs))
-        noise = {n: better.process_noise.get(n, v) for n, v in spec.process_noise.items()}
-        spec = replace(spec, process_noise=noise, measurement_noise=better.measurement_noise)
-    return spec, rivals, none
+    return OpenTrace(fitted_spec(folder / "nominal.toml", ", ".join(outputs)), rivals, drives, none)
 
 
 def _rival(model: dict[str, Any]) -> RivalModel:
     name = " and ".join(words(alike[0]["name"].replace("@", " ")) for alike in model["added"])
     rows = model["estimates"]
     errors = [math.inf if e["standard_error"] is None else float(e["standard_error"]) for e in rows]
-    correlation = np.array(model["correlation"], dtype=float).reshape(len(rows), len(rows))
-    values = {e["name"]: float(e["value"]) for e in rows}
-    return RivalModel(name or "nothing added", float(model["share"]), values, np.array(errors), correlation)
+    at_levels = [
+        AtLevel(
+            float(level["log_posterior"]),
+            np.array(level["gradient"], dtype=float),
+            np.array(level["information"], dtype=float).reshape(len(rows), len(rows)),
+        )
+        for level in model["at_levels"]
+    ]
+    return RivalModel(
+        name or "nothing added",
+        float(model["share"]),
+        {e["name"]: float(e["value"]) for e in rows},
+        np.array(errors),
+        np.array(model["correlation"], dtype=float).reshape(len(rows), len(rows)),
+        model["measurement_noise"],
+        tuple(at_levels),
+    )
 
 
 class SeparationGoal:
     """The confusable set of a trace, to be told apart.
 
     Args:
-        spec: The nominal model.
-        rivals: The models, two or more.
-        none: Probability that none of them is right.
+        trace: What it left.
         jobs: Threads of one evaluation.
     """
 
@@ -130,8 +179,9 @@ class SeparationGoal:
     enough = math.log(1e-3)
     measure = "a bound on the probability that a wrong model of the set is named"
 
-    def __init__(self, spec: ModelSpec, rivals: Sequence[RivalModel], none: float = 0.0, jobs: int = 1) -> None:
-        self.rivals, self.none, self.recorded = tuple(rivals), none, len(rivals)
+    def __init__(self, trace: OpenTrace, jobs: int = 1) -> None:
+        spec, rivals = trace.spec, trace.rivals
+        self.rivals, self.drives, self.none, self.recorded = rivals, trace.drives, trace.none, len(rivals)
         moved = {name for r in rivals for name in r.values}
         excluded = _not_needed(spec, moved)
         available = {*spec.model().inputs, *spec.model().outputs}
@@ -141,12 +191,28 @@ class SeparationGoal:
                 f"the model of the trace has no parameter '{lost[0]}'; plan with the recordings' own signals"
             )
         self.shares = np.array([r.share for r in rivals]) / sum(r.share for r in rivals)
-        self.points = tuple(replace(Candidates.of(spec), values=self._values(r)[:, None]) for r in rivals)
-        self.versions = tuple(p.values[:, 0] for p in self.points)
         self._coordinates = [[self._coordinate(name, value) for name, value in r.values.items()] for r in rivals]
         self._precisions = [self._precision(*pair) for pair in zip(rivals, self._coordinates, strict=True)]
+        self.filters = tuple(self._filter(*pair) for pair in zip(rivals, self._coordinates, strict=True))
+        self.versions = tuple(f.values for f in self.filters)
         m = range(len(self.rivals))
         self._emulations = np.array([[self._emulation(i, j) for j in m] for i in m])
+
+    def _filter(self, rival: RivalModel, coordinates: Sequence[Coordinate]) -> RivalFilter:
+        """Return the filter of a model at each level of its noise, with what the drives so far say there."""
+        spec, slopes = self.model.spec, np.array([c.slope(c.centre) for c in coordinates])
+        stated = Candidates.of(replace(spec, measurement_noise={**spec.measurement_noise, **rival.measurement_noise}))
+        values = self._values(rival)[:, None]
+        points = [
+            replace(stated, values=values, process=np.array([[level[s]] for s in self.model.nominal.states]))
+            for level in self.drives.levels
+        ]
+        so_far = Parabolas(
+            -2.0 * np.array([parts.log_posterior for parts in rival.at_levels]),
+            np.array([-parts.gradient * slopes for parts in rival.at_levels]),
+            np.array([parts.information * np.outer(slopes, slopes) for parts in rival.at_levels]),
+        )
+        return RivalFilter(tuple(points), tuple(coordinates), so_far)
 
     def _values(self, rival: RivalModel) -> Floats:
         """Return all parameters of a model; what happened in a drive has happened before the next one."""
@@ -185,65 +251,40 @@ class SeparationGoal:
         return float(moved @ self._precisions[j] @ moved)
 
     def evidence(self, drive: Rehearsed) -> Evidence:
-        """Return, of each model against what each leaves, squared innovations, their slopes, and information.
+        """Return, of each model over what each leaves, the parabolas of its squared innovations, and the seconds.
 
-        Shapes ``(m, m)``, ``(m, m, n)``, ``(m, m, n, n)``, the right model first.
+        Shapes ``(m, m, levels)``, ``(m, m, levels, n)``, ``(m, m, levels, n, n)`` and ``()``, the right model first.
         """
-        m, n = len(self.rivals), max(map(len, self._coordinates))
-        squares, slopes, information = np.zeros((m, m)), np.zeros((m, m, n)), np.zeros((m, m, n, n))
+        m, n = len(self.rivals), max(len(f.coordinates) for f in self.filters)
+        shape = m, m, len(self.filters[0].points)
+        squares, slopes, information = np.zeros(shape), np.zeros((*shape, n)), np.zeros((*shape, n, n))
         for i, data in enumerate(drive.data):
-            for j in range(m):
-                squares[i, j], slope, matrix = self._against(data, j)
-                k = len(slope)
-                slopes[i, j, :k], information[i, j, :k, :k] = slope, matrix
-        return squares, slopes, information
-
-    def _against(self, data: DriveData, j: int) -> tuple[float, Floats, Floats]:
-        """Return squared whitened innovations of a model over what another leaves, their slope, and information.
-
-        All are about the model as it is, of a linearisation where its parameters have taken up what they can.
-        """
-        coordinates = self._coordinates[j]
-        moved = np.zeros(len(coordinates))
-        quadratic = _LOST, moved, np.diag(moved)
-        for _ in range(1 + _REFITS):
-            values = self.versions[j].copy()
-            for c, z in zip(coordinates, moved, strict=True):
-                values[c.rows[0]] = c.value(c.centre + z)
-            point = replace(self.points[j], values=values[:, None])
-            run = self.model.run(data, point)
-            if not math.isfinite(run.log_likelihood):
-                break
-            slopes = np.array([c.slope(c.centre + z) for c, z in zip(coordinates, moved, strict=True)])
-            directions = self.model.along([c.name for c in coordinates]) * slopes
-            columns = self.model.sensitivities(data, point.values, directions, run)
-            tangent = columns.reshape(-1, len(coordinates))
-            whitened = np.nan_to_num(run.whitened).ravel() - tangent @ moved
-            slope, information = tangent.T @ whitened, tangent.T @ tangent
-            quadratic = float(whitened @ whitened), slope, information
-            step = -covariance_of(information + self._precisions[j], dropped=True).matrix @ slope
-            moved = np.array([np.clip(c.centre + np.clip(z, -_FARTHEST, _FARTHEST), c.lower, c.upper) - c.centre
-                              for c, z in zip(coordinates, step, strict=True)])  # fmt: skip
-        return quadratic
+            for j, rival in enumerate(self.filters):
+                parts, k = rival.over(self.model, data, refitted=i != j), len(rival.coordinates)
+                squares[i, j], slopes[i, j, :, :k], information[i, j, :, :k, :k] = vars(parts).values()
+        return squares, slopes, information, np.array(drive.seconds)
 
     def distances(self, evidence: Evidence | None) -> tuple[Floats, Floats]:
         """Return ``d^2`` of each right model against each rival, and what the rival's width costs it ``(m, m)``.
 
-        Half of the drives judge; the others are fitted. The latter is the logarithm by which the parameters are known
-        better behind the drives (Laplace).
+        Half of the drives judge; with the others, and those so far, the rival is fitted. The latter is the logarithm by
+        which the parameters are known better behind the drives (Laplace).
         """
         m = len(self.rivals)
-        if evidence is None:
-            return np.zeros((m, m)), np.zeros((m, m))
         distance, width = np.zeros((m, m)), np.zeros((m, m))
-        for j, precision in enumerate(self._precisions):
-            n = len(precision)
-            for i in range(m):
-                squares, slope = 0.5 * float(evidence[0][i, j]), 0.5 * evidence[1][i, j, :n]
-                information = 0.5 * evidence[2][i, j, :n, :n]
-                distance[i, j] = unexplained(squares, slope, information + precision)
-                width[i, j] = 0.5 * _growth(information, precision)
-        np.fill_diagonal(distance, 0.0)
+        if evidence is None:
+            return distance, width
+        squares, slopes, information = (0.5 * part for part in evidence[:3])
+        for i, right in enumerate(self.filters):
+            noise = 0.5 * float(evidence[3]) / self.drives.fitted * right.cost
+            for j, rival in enumerate(self.filters):
+                n = len(rival.coordinates)
+                new = Parabolas(squares[i, j] + noise, slopes[i, j, :, :n], information[i, j, :, :n, :n])
+                level, z = (rival.so_far + new).best()
+                before = rival.so_far.at(level, z) - rival.cheapest
+                distance[i, j] = new.at(level, z) + self.drives.held_out / self.drives.fitted * before
+                width[i, j] = 0.5 * _growth(new.information[level], rival.so_far.information[level])
+        distance = np.maximum(distance - np.diagonal(distance)[:, None], 0.0)
         return np.minimum(distance, self._emulations), width
 
     def value(self, evidence: Evidence | None) -> float:
@@ -300,17 +341,6 @@ class SeparationGoal:
             header=["if this is right", "probability now", "expected", "it stands", "least d²"],
             rows=rows,
         )
-
-
-def unexplained(squares: float, slope: Floats, information: Floats) -> float:
-    """Return the squares that are left when the parameters have taken up what they can.
-
-    Args:
-        squares: Sum of the squared whitened innovations.
-        slope: Of half of it to the parameters ``(n,)``.
-        information: Fisher information on them, with that of the priors ``(n, n)``.
-    """
-    return max(squares - float(slope @ covariance_of(information, dropped=True).matrix @ slope), 0.0)
 
 
 def _growth(information: Floats, precision: Floats) -> float:

@@ -357,6 +357,14 @@ def test_the_first_page_and_the_record_say_how_likely_each_explanation_is(outcom
     assert [m["probability"] for m in found["models"]] == pytest.approx([0.688, 0.096, 0.016])
     assert record["confusable"]["mass"] == pytest.approx(0.98)
     assert [len(m["added"][0]) for m in record["confusable"]["models"]] == [1, 2]
+    noise, first = record["confusable"]["noise"], record["confusable"]["models"][0]
+    assert noise["fitted_seconds"] == sum(d.time[-1] for d in outcome.trace.fitting.drives)
+    assert len(noise["levels"]) == len(first["at_levels"]) > 1
+    prior = fitted.log_likelihood - fitted.objective
+    likelihood = outcome.trace.fitting.log_likelihood(
+        fitted.point
+    )  # with the noise of the fit, which is the first level
+    assert first["at_levels"][0]["log_posterior"] == pytest.approx(likelihood - prior)
     study = load_study(tmp_path / "posterior.toml")  # which draws from both
     assert [(d.name, d.share) for d in study.designs[:-1]] == [("steering_lag", 0.86), ("steering_ratio", 0.12)]
 

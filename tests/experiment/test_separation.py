@@ -15,8 +15,9 @@ from harness.experiment.files import contents
 from harness.experiment.limits import Limits
 from harness.experiment.manoeuvres import SearchRange, chosen
 from harness.experiment.rehearsal import Rehearsal
+from harness.experiment.rival_filter import Parabolas
 from harness.experiment.run import DesignTask, design_drives
-from harness.experiment.separation import RivalModel, SeparationGoal, read_rivals, unexplained
+from harness.experiment.separation import AtLevel, DrivesSoFar, OpenTrace, RivalModel, SeparationGoal, read_trace
 
 CAR = {"vehicle": "car", "parameters": "blanco_2021", "tyre": "linear", "sensors": "car_series", "integrator": "rk4"}
 FREE = ("stiffness_peak_front", "stiffness_peak_rear")
@@ -28,6 +29,12 @@ def left_by_a_line(places, weights):
     tangent = np.column_stack([np.ones_like(places), places]) * root[:, None]
     residual = places**2 * root
     return unexplained(float(residual @ residual), tangent.T @ residual, tangent.T @ tangent)
+
+
+def unexplained(squares, slope, information):
+    """Return the squares that are left when the parameters have taken up what they can."""
+    parabolas = Parabolas(np.array([squares]), slope[None], information[None])
+    return parabolas.at(*parabolas.best())
 
 
 def test_a_parabola_is_told_from_a_line_at_the_ends_and_in_the_middle():
@@ -46,21 +53,28 @@ def test_what_is_known_of_a_parameter_it_does_not_take_up():
     assert held == pytest.approx(4.0)
 
 
-def rival(spec, name, share, error=0.3, **added):
+def rival(spec, name, share, error=0.3, costs=(0.0,), **added):
     values = {**{n: spec.values[n] for n in FREE}, **added}
-    errors = [0.02 * spec.values[n] for n in FREE] + [error * v for v in added.values()]
-    return RivalModel(name, share, values, np.array(errors), np.eye(len(values)))
+    errors = np.array([0.02 * spec.values[n] for n in FREE] + [error * v for v in added.values()])
+    says = [AtLevel(-cost, np.zeros(len(values)), np.diag(errors**-2.0)) for cost in costs]
+    return RivalModel(name, share, values, errors, np.eye(len(values)), dict(spec.measurement_noise), tuple(says))
+
+
+def opened(costs=(0.0,)):
+    """Return a trace that left three models, at levels of the process noise a hundredfold each, with what they cost."""
+    spec = resolve_single(CAR, "test")
+    rivals = (
+        rival(spec, "lag", 0.5, costs=costs, steering_lag=0.05),
+        rival(spec, "inertia", 0.3, costs=costs, yaw_inertia=1.1 * spec.values["yaw_inertia"]),
+        rival(spec, "nothing", 0.2, costs=costs),
+    )
+    levels = tuple({s: 100.0**k * v for s, v in spec.process_noise.items()} for k in range(len(costs)))
+    return OpenTrace(spec, rivals, DrivesSoFar(levels, 80.0, 40.0), 0.1)
 
 
 @pytest.fixture(scope="module")
 def goal():
-    spec = resolve_single(CAR, "test")
-    rivals = [
-        rival(spec, "lag", 0.5, steering_lag=0.05),
-        rival(spec, "inertia", 0.3, yaw_inertia=1.1 * spec.values["yaw_inertia"]),
-        rival(spec, "nothing", 0.2),
-    ]
-    return SeparationGoal(spec, rivals, none=0.1)
+    return SeparationGoal(opened())
 
 
 def evidence(goal, name, point):
@@ -83,6 +97,17 @@ def test_a_step_tells_a_lag_from_inertia_and_a_ramp_does_not(goal):
     distance, _ = goal.distances(step)
     assert distance[0, 1] > 4.0 * goal.distances(ramp)[0][0, 1]
     np.testing.assert_allclose(np.diagonal(distance), 0.0)
+
+
+def test_a_rival_takes_up_misfit_by_larger_variances_as_far_as_the_drives_so_far_allow_it(goal):
+    held, dear, free = (
+        goal.distances(evidence(goal, "step", [0.5, 0.5, 0.2]))[0]
+        for goal in (goal, SeparationGoal(opened((0.0, 1e6))), SeparationGoal(opened((0.0, 1.0))))
+    )
+    np.testing.assert_allclose(dear, held)
+    others = ~np.eye(3, dtype=bool)
+    assert (free[others] <= held[others] + 2.0 + 1e-9).all()  # no more than another level costs over the drives so far
+    assert free[0, 1] < 0.5 * held[0, 1]
 
 
 def test_a_model_that_holds_the_right_one_is_told_from_it_only_by_the_drives_so_far(goal):
@@ -110,11 +135,22 @@ def test_the_drives_of_a_trace_are_planned_and_written(goal, tmp_path):
                 for (n, v), e in zip(r.values.items(), r.errors, strict=True)
             ],
             "correlation": r.correlation.tolist(),
+            "measurement_noise": r.measurement_noise,
+            "at_levels": [
+                {
+                    "log_posterior": v.log_posterior,
+                    "gradient": v.gradient.tolist(),
+                    "information": v.information.tolist(),
+                }
+                for v in r.at_levels
+            ],
         }
         for r, name in zip(goal.rivals, ["steering_lag", "yaw_inertia", ""], strict=True)
     ]
     outputs = {name: {} for name in spec.model().outputs}
-    content = {"confusable": {"models": models}, "posterior": {"none_of_these": 0.0}, "error": outputs}
+    noise = {"levels": [dict(spec.process_noise)], "fitted_seconds": 80.0, "held_out_seconds": 40.0}
+    confusable = {"models": models, "noise": noise}
+    content = {"confusable": confusable, "posterior": {"none_of_these": 0.0}, "error": outputs}
     (tmp_path / "trace.json").write_text(json.dumps(content))
     (tmp_path / "nominal.toml").write_text(set_text(spec, "test", {}))
     task = DesignTask(tmp_path, limits=Limits(lateral_acceleration=4.0), manoeuvres=("step", "ramp"), effort=6, jobs=1)
@@ -134,12 +170,14 @@ def test_the_drives_of_a_trace_are_planned_and_written(goal, tmp_path):
 
 
 def test_a_trace_that_left_one_model_or_none_with_estimates_is_refused(tmp_path):
-    model = {"added": [], "share": 1.0, "estimates": [], "correlation": []}
-    content = {"confusable": {"models": [model]}, "posterior": {"none_of_these": 0.0}, "error": {"yaw_rate": {}}}
+    model = {"added": [], "share": 1.0, "estimates": [], "correlation": [], "measurement_noise": {}, "at_levels": []}
+    noise = {"levels": [], "fitted_seconds": 80.0, "held_out_seconds": 40.0}
+    confusable = {"models": [model], "noise": noise}
+    content = {"confusable": confusable, "posterior": {"none_of_these": 0.0}, "error": {"yaw_rate": {}}}
     (tmp_path / "trace.json").write_text(json.dumps(content))
     with pytest.raises(UserError, match="nothing to be told apart"):
-        read_rivals(tmp_path)
-    del model["estimates"]
+        read_trace(tmp_path)
+    del model["at_levels"]
     (tmp_path / "trace.json").write_text(json.dumps(content))
     with pytest.raises(UserError, match="run harness trace again"):
-        read_rivals(tmp_path)
+        read_trace(tmp_path)

@@ -8,14 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from harness.common.arrays import Floats
 from harness.common.files import json_text, write_files
 from harness.common.places import inside, remove
 from harness.config.parameter_set import set_text
-from harness.diagnosis.criteria import HORIZONS, MASS
-from harness.diagnosis.fitting import FittedHypothesis, Fitting
 from harness.diagnosis.innovations.disturbance_inputs import place_of
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
@@ -28,9 +24,9 @@ from harness.diagnosis.result.changes import record_of_changes, sizes_of
 from harness.diagnosis.result.confounded import Direction
 from harness.diagnosis.result.mixture import study_of
 from harness.diagnosis.result.outcome import Outcome
+from harness.diagnosis.result.posterior_record import ESTIMATE, record_of_confusable, record_of_posterior
 from harness.diagnosis.result.study_gain import StudyGain
 from harness.diagnosis.selection.acceptance import Candidate, Round
-from harness.diagnosis.selection.posterior import ComparedModel, Posterior
 from harness.diagnosis.selection.validation import Judgement
 from harness.identification.posterior_study import STUDY
 from harness.identification.result import FILE, series_of
@@ -40,8 +36,6 @@ from harness.models.roles import VEHICLES
 from harness.models.signals import SIGNALS
 
 AMENDED = "amended.toml"
-
-_ESTIMATE = ("name", "value", "standard_error")
 
 SCHEMA_VERSION = 2
 """Version of the keys of ``trace.json``: one more when a key is removed or changes its meaning."""
@@ -74,15 +68,15 @@ def _search(outcome: Outcome) -> dict[str, Callable[[], Any]]:
         "refused": lambda: _refused(outcome, outputs),
         "confounded": lambda: [_direction(d) for d in outcome.confounded],
         "refitted": lambda: _refitted(outcome),
-        "estimates": lambda: [dict(zip(_ESTIMATE, row, strict=True)) for row in outcome.estimates],
+        "estimates": lambda: [dict(zip(ESTIMATE, row, strict=True)) for row in outcome.estimates],
         "correlation": lambda: outcome.correlation.tolist(),
         "measured_ranges": lambda: _measured_ranges(trace.fitting.augmented),
         "discrepancy": lambda: _discrepancy(outcome),
         "baseline": lambda: record_of_changes(outcome),
         "unnamed": lambda: unmodelled_record(outcome.localisation.unmodelled),
         "rounds": lambda: [_round(r, outputs) for r in trace.rounds],
-        "posterior": lambda: _posterior(outcome.posterior),
-        "confusable": lambda: _confusable(outcome.posterior, trace.fitting),
+        "posterior": lambda: record_of_posterior(outcome.posterior),
+        "confusable": lambda: record_of_confusable(outcome.posterior, trace.fitting, trace.held_out.drives),
         "not_excited": lambda: [c.hypothesis.name for c in trace.rounds[0].candidates if not c.score.excited],
     }
 
@@ -207,56 +201,6 @@ def _round(r: Round, outputs: list[str]) -> dict[str, Any]:
         "added": r.added.hypothesis.name if r.added else None,
         "reason": r.reason,
     }
-
-
-def _posterior(posterior: Posterior | None) -> dict[str, Any] | None:
-    """Return how likely every model and every hypothesis is; horizons in s."""
-    if posterior is None:
-        return None
-
-    def by_horizon(values: Floats) -> dict[str, float]:
-        return {f"{h:g}": float(v) for h, v in zip(HORIZONS, values, strict=True)}
-
-    return {
-        "none_of_these": posterior.none,
-        "hypotheses": [{"name": h.name, "kind": h.kind, "probability": v} for h, v in posterior.inclusion().items()],
-        "models": [
-            {
-                **_model(m),
-                "probability": m.probability,
-                "log_prior": m.log_prior,
-                "log_predictive_density": by_horizon(m.densities),
-                "difference": dict(zip(("value", "lower", "upper"), m.difference, strict=True)),
-            }
-            for m in posterior.models
-        ],
-        "coverage_95": by_horizon(posterior.coverage),
-    }
-
-
-def _confusable(posterior: Posterior | None, fitting: Fitting) -> dict[str, Any] | None:
-    """Return the smallest set of models that holds the right one, if one is right, with its mass, each as fitted."""
-    if posterior is None:
-        return None
-    chosen = posterior.confusable()
-    models = [{**_model(m), "share": m.share, **_estimated(m.fitted, fitting)} for m in chosen]
-    return {"asked": MASS, "mass": sum(m.share for m in chosen), "models": models}
-
-
-def _estimated(fitted: FittedHypothesis, fitting: Fitting) -> dict[str, Any]:
-    """Return what a fit moved that all drives share: values with standard errors, and their correlation."""
-    errors, correlation = fitting.uncertainty(fitted)
-    shared = [i for i, c in enumerate(fitted.coordinates) if not c.drives]
-    rows = [(c.name, fitted.point.value(c), float(errors[i])) for i in shared for c in [fitted.coordinates[i]]]
-    return {
-        "estimates": [dict(zip(_ESTIMATE, row, strict=True)) for row in rows],
-        "correlation": correlation[np.ix_(shared, shared)].tolist(),
-    }
-
-
-def _model(m: ComparedModel) -> dict[str, Any]:
-    """Return what a model has; names that stand together are what the drives cannot tell apart at all."""
-    return {"added": [[{"name": h.name, "kind": h.kind} for h in alike.hypotheses] for alike in m.added]}
 
 
 def _study_gain(study_gain: StudyGain) -> dict[str, Any]:
