@@ -96,7 +96,7 @@ def answered(error: Exception | KeyboardInterrupt, output: Path | None = None, i
         interrupted: Whether Ctrl-C came before.
     """
     if interrupted or isinstance(error, KeyboardInterrupt):
-        said = "a study or a trace goes on from what is finished, other commands begin again"
+        said = "a study, a trace or a plan goes on from what is finished, other commands begin again"
         return _say("interrupted", said, INTERRUPTED, False)
     if isinstance(error, UserError | ModelError):
         return _say("error", str(error), WRONG)

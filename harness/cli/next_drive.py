@@ -67,11 +67,14 @@ def next_drive(task: NextDriveOptions) -> None:
     for a steering robot, next_drive.json, and a report whose first page is for the driver.
     """
     from rich.console import Console
+    from rich.text import Text
 
+    from harness.experiment.kept_drives import TRIED
     from harness.experiment.limits import limits_of
     from harness.experiment.report import answer, write_design
     from harness.experiment.run import DesignTask, design_drives
 
+    out = task.out or task.result / "next-drive"
     asked = DesignTask(
         task.result,
         _weights(task.wanted or ()),
@@ -83,12 +86,19 @@ def next_drive(task: NextDriveOptions) -> None:
         task.sensors,
         task.seed,
         task.jobs,
+        out,
     )
-    out = task.out or task.result / "next-drive"
-    with showing(Console(stderr=True), "reading the result") as show:
-        designed = design_drives(asked, show)
-        show("writing the report")
-        written = write_design(designed, out, command())
+    console = Console(stderr=True)
+    try:
+        with showing(console, "reading the result") as show:
+            designed = design_drives(asked, show)
+            show("writing the report")
+            written = write_design(designed, out, command())
+    except KeyboardInterrupt:
+        if (kept := out / TRIED).is_dir():
+            said = f"interrupted: the drives that were tried are kept in {kept}; the same command goes on from there"
+            console.print(Text(said), soft_wrap=True)
+        raise
     expectation = designed.goal.expectation(designed.plan.evidence)
     ranked = [f"{t.manoeuvre.name}, {t.seconds:g} s: {designed.alone(t).words}" for t in designed.plan.ranked]
     refused = [f"{name}: no drive keeps to the limits ({why})" for name, why in designed.plan.refused.items()]

@@ -6,12 +6,15 @@ import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property, partial
 
 import numpy as np
 from scipy.stats import qmc
 
 from harness.common.arrays import Floats
+from harness.config import DriveSpec
 from harness.experiment.contract import Evidence, Goal, total
+from harness.experiment.kept_drives import KeptDrives
 from harness.experiment.manoeuvres import Manoeuvre, SearchRange
 from harness.experiment.rehearsal import Rehearsal, Rehearsed
 
@@ -26,6 +29,7 @@ _REACH, _CLOSER = 0.25, 0.6
 """Standard deviation of the first steps about the best point, and by how much those of each later round are shorter."""
 
 _BATCH = 4
+_BUDGET = "budget"
 
 
 @dataclass(frozen=True)
@@ -34,24 +38,31 @@ class TriedDrive:
 
     Attributes:
         manoeuvre: Its manoeuvre.
-        rehearsed: The drive.
+        duration: Of one turn in s.
         evidence: What it tells, driven once.
         times: How often it is driven: until nothing is left to be driven for, or the budget is spent.
         value: The criterion behind that.
         settles: Whether nothing is left to be driven for then.
+        rehearse: Returns the drive as it was rehearsed.
     """
 
     manoeuvre: Manoeuvre
-    rehearsed: Rehearsed
+    duration: float
     evidence: Evidence
     times: int
     value: float
-    settles: bool = False
+    settles: bool
+    rehearse: Callable[[], Rehearsed]
+
+    @cached_property
+    def rehearsed(self) -> Rehearsed:
+        """The drive."""
+        return self.rehearse()
 
     @property
     def seconds(self) -> float:
         """Duration of all its turns in s."""
-        return self.times * self.rehearsed.seconds
+        return self.times * self.duration
 
     @property
     def rank(self) -> tuple[float, float]:
@@ -82,7 +93,7 @@ class DrivePlan:
     @property
     def seconds(self) -> float:
         """Duration of the sequence in s."""
-        return sum(t.rehearsed.seconds * times for t, times in self.sequence)
+        return sum(t.duration * times for t, times in self.sequence)
 
 
 def design(
@@ -95,6 +106,7 @@ def design(
     jobs: int = 2,
     seed: int = 0,
     say: Callable[[str], None] = lambda _: None,
+    kept: KeptDrives | None = None,
 ) -> DrivePlan:
     """Return the drives that tell most within a budget of seconds.
 
@@ -108,13 +120,14 @@ def design(
         jobs: Threads.
         seed: Of the points tried.
         say: Takes a line on what is being done.
+        kept: What an interrupted design has tried, and this one tries.
     """
     pool: list[TriedDrive] = []
     refused, count = {}, 0
     with ThreadPoolExecutor(jobs) as threads:
         for number, manoeuvre in enumerate(manoeuvres, 1):
             say(f"manoeuvre {number} of {len(manoeuvres)}: {manoeuvre.name}")
-            search = _Search(goal, rehearsal, room, manoeuvre, budget)
+            search = _Search(goal, rehearsal, room, manoeuvre, budget, kept or KeptDrives())
             search.run(effort, np.random.default_rng([seed, number]), lambda f, xs: list(threads.map(f, xs)))
             pool += search.tried
             count += search.rehearsed
@@ -124,7 +137,7 @@ def design(
     ranked = tuple(sorted((t for t in best if t is not None), key=lambda t: t.rank))
     sequence = greedy(goal, pool, budget)
     evidence = total([(t.evidence, times) for t, times in sequence]) if sequence else None
-    value, seconds = goal.value(evidence), sum(t.rehearsed.seconds * times for t, times in sequence)
+    value, seconds = goal.value(evidence), sum(t.duration * times for t, times in sequence)
     if ranked and not (seconds if value <= goal.enough else math.inf, value) < ranked[0].rank:
         sequence = ((ranked[0], ranked[0].times),)
         evidence = total([(ranked[0].evidence, ranked[0].times)])
@@ -141,13 +154,13 @@ def greedy(goal: Goal, pool: Sequence[TriedDrive], budget: float) -> tuple[tuple
     evidence: Evidence | None = None
     spent, value = 0.0, goal.value(None)
     while value > goal.enough and (
-        fit := [i for i, t in enumerate(pool) if spent + goal.turns * t.rehearsed.seconds <= budget + 1e-9]
+        fit := [i for i, t in enumerate(pool) if spent + goal.turns * t.duration <= budget + 1e-9]
     ):
         after = [
             goal.value(total([(pool[i].evidence, goal.turns), *([(evidence, 1)] if evidence else [])])) for i in fit
         ]
         if math.isfinite(value):
-            gains = [(value - a) / pool[i].rehearsed.seconds for i, a in zip(fit, after, strict=True)]
+            gains = [(value - a) / pool[i].duration for i, a in zip(fit, after, strict=True)]
             k = int(np.argmax(gains))
             if not gains[k] > 0:
                 break
@@ -156,7 +169,7 @@ def greedy(goal: Goal, pool: Sequence[TriedDrive], budget: float) -> tuple[tuple
         i = fit[k]
         taken[i] = taken.get(i, 0) + goal.turns
         evidence = total([(pool[i].evidence, goal.turns), *([(evidence, 1)] if evidence else [])])
-        spent, value = spent + goal.turns * pool[i].rehearsed.seconds, after[k]
+        spent, value = spent + goal.turns * pool[i].duration, after[k]
     return tuple((pool[i], times) for i, times in taken.items())
 
 
@@ -164,10 +177,16 @@ class _Search:
     """The search of one manoeuvre."""
 
     def __init__(
-        self, goal: Goal, rehearsal: Rehearsal, room: SearchRange, manoeuvre: Manoeuvre, budget: float
+        self,
+        goal: Goal,
+        rehearsal: Rehearsal,
+        room: SearchRange,
+        manoeuvre: Manoeuvre,
+        budget: float,
+        kept: KeptDrives,
     ) -> None:
         self.goal, self.rehearsal, self.room, self.manoeuvre = goal, rehearsal, room, manoeuvre
-        self.budget, self.rehearsed = budget, 0
+        self.budget, self.kept, self.rehearsed = budget, kept, 0
         self.tried: list[TriedDrive] = []
         self.reasons: set[str] = set()
 
@@ -201,28 +220,41 @@ class _Search:
     def _at(self, point: Floats) -> tuple[Floats, TriedDrive | str]:
         """Return the drive at a point, or at a gentler one where it passes a limit, or which it passes at last."""
         point = point.copy()
-        reason = "budget"
+        reason = _BUDGET
         for _ in range(_EASINGS):
             self.rehearsed += 1
             drive = self.manoeuvre.drive(point, self.room, self.manoeuvre.name)
-            result = self.rehearsal.of(drive)
-            if not isinstance(result, str):
-                times = int(self.budget / result.seconds + 1e-9)
-                if times < self.goal.turns:
-                    return point, "budget"
-                return point, self._judged(result, times)
+            result = self._judged(drive)
+            if not isinstance(result, str) or result == _BUDGET:
+                return point, result
             reason = result
             if point[0] <= 0.0:
                 break
             point[0] = max(0.0, point[0] - _EASED)
         return point, reason
 
-    def _judged(self, drive: Rehearsed, most: int) -> TriedDrive:
-        """Return what a drive tells that is driven until all is settled, or so many times."""
-        evidence, enough = self.goal.evidence(drive), self.goal.enough
-        most -= most % self.goal.turns
-        for times in range(self.goal.turns if math.isfinite(enough) else most, most + 1, self.goal.turns):
+    def _judged(self, drive: DriveSpec) -> TriedDrive | str:
+        """Return what a drive tells that is driven until all is settled or the budget is spent, or what it passes."""
+        rehearse: Callable[[], Rehearsed] = partial(self.rehearsal.again, drive)
+        outcome = self.kept.read(drive)
+        if outcome is None:
+            rehearsed = self.rehearsal.of(drive)
+            if isinstance(rehearsed, str):
+                outcome = rehearsed
+            elif rehearsed.seconds * self.goal.turns > self.budget + 1e-9:
+                return _BUDGET
+            else:
+                outcome, rehearse = (rehearsed.seconds, self.goal.evidence(rehearsed)), lambda: rehearsed
+            self.kept.write(drive, outcome)
+        if isinstance(outcome, str):
+            return outcome
+        duration, evidence = outcome
+        turns, enough, most = self.goal.turns, self.goal.enough, int(self.budget / duration + 1e-9)
+        if most < turns:
+            return _BUDGET
+        most -= most % turns
+        for times in range(turns if math.isfinite(enough) else most, most + 1, turns):
             value = self.goal.value(total([(evidence, times)]))
             if value <= enough:
                 break
-        return TriedDrive(self.manoeuvre, drive, evidence, times, value, value <= enough)
+        return TriedDrive(self.manoeuvre, duration, evidence, times, value, value <= enough, rehearse)

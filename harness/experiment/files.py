@@ -47,10 +47,11 @@ def contents(designed: Designed) -> dict[str, str]:
 
 
 def remove_earlier(folder: Path) -> None:
-    """Remove the tables of a plan that is in a folder, which another sequence would leave there."""
+    """Remove the tables of a plan that is in a folder, which another sequence would leave there, and its JSON."""
     with contextlib.suppress(UserError, ValueError, KeyError, TypeError):
         for entry in json.loads(read_text(folder / RESULT))["sequence"]:
             remove(inside(folder, f"{Path(entry['name']).name}.csv"))
+    remove(inside(folder, RESULT))
 
 
 def table(drive: DriveSpec, name: str) -> dict[str, Any]:

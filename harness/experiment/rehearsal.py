@@ -82,6 +82,12 @@ class Rehearsal:
         assert first is not None
         return Rehearsed(drive, profile, tuple(data), first)
 
+    def again(self, drive: DriveSpec) -> Rehearsed:
+        """Return a drive that keeps to the limits, as ``of`` has said of it before."""
+        rehearsed = self.of(drive)
+        assert isinstance(rehearsed, Rehearsed), rehearsed
+        return rehearsed
+
     def _signals(self, planned: DriveData, values: Floats, states: Floats) -> dict[str, Floats]:
         model = self.model.model
         return {

@@ -12,7 +12,8 @@ from matplotlib.axes import Axes
 from harness.common.files import write_files
 from harness.experiment.contract import ExpectedOutcome
 from harness.experiment.design import TriedDrive
-from harness.experiment.files import contents, names_of, remove_earlier, written_to
+from harness.experiment.files import RESULT, contents, names_of, remove_earlier, written_to
+from harness.experiment.kept_drives import KeptDrives
 from harness.experiment.limits import UNITS, Limits, stated
 from harness.experiment.run import Designed
 from harness.models.quantities import listed, print_unit, words
@@ -44,7 +45,12 @@ def write_design(designed: Designed, folder: Path, command: str) -> list[Path]:
         UserError: If the folder cannot be written to.
     """
     remove_earlier(folder)
-    return [*write_files(folder, contents(designed)), *report(designed, folder, command).write(folder)]
+    files = contents(designed)
+    result = {RESULT: files.pop(RESULT)}
+    written = [*write_files(folder, files), *report(designed, folder, command).write(folder)]
+    written = [*write_files(folder, result), *written]  # last: where it is, all is
+    KeptDrives(folder).remove()
+    return written
 
 
 def report(designed: Designed, folder: Path, command: str) -> Report:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -15,8 +15,9 @@ from harness.config.model_choice import fitting_sensors
 from harness.experiment.contract import ExpectedOutcome, Goal, total
 from harness.experiment.design import DrivePlan, TriedDrive, design
 from harness.experiment.information import Criterion, EstimationGoal, read_fit
+from harness.experiment.kept_drives import KeptDrives, basis
 from harness.experiment.limits import Limits
-from harness.experiment.manoeuvres import SearchRange, chosen
+from harness.experiment.manoeuvres import Manoeuvre, SearchRange, chosen
 from harness.experiment.rehearsal import Rehearsal
 from harness.experiment.separation import TRACE, SeparationGoal, read_trace
 from harness.experiment.study_error import SCORES, StudyGoal, read_study
@@ -38,6 +39,7 @@ class DesignTask:
         sensors: Whether the same drives are judged with every set of sensors of the vehicle too.
         seed: Of the points tried and the versions of the vehicle drawn.
         jobs: Threads; all cores by default.
+        out: Folder of the result, where drives that were tried are kept until it is written; none are by default.
     """
 
     folder: Path
@@ -50,6 +52,7 @@ class DesignTask:
     sensors: bool = False
     seed: int = 0
     jobs: int | None = None
+    out: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -114,8 +117,9 @@ def design_drives(task: DesignTask, say: Callable[[str], None] = lambda _: None)
     rehearsal = Rehearsal(goal.model, spec, goal.versions, goal.recorded, task.limits)
     jobs = task.jobs or os.cpu_count() or 1
     room = SearchRange.of(spec, task.limits, goal.shortest)
+    kept = _kept(task, goal, manoeuvres)
     with threadpool_limits(1):  # threads of the linear algebra would wait for those of the drives
-        plan = design(goal, rehearsal, room, manoeuvres, task.budget, task.effort, jobs, task.seed, say)
+        plan = design(goal, rehearsal, room, manoeuvres, task.budget, task.effort, jobs, task.seed, say, kept)
     if not plan.sequence:
         reasons = "; ".join(f"{name}: {why}" for name, why in plan.refused.items()) or "nothing tells more"
         raise UserError(f"no drive of {task.budget:g} s keeps to the limits ({reasons}); widen them or the budget")
@@ -125,6 +129,15 @@ def design_drives(task: DesignTask, say: Callable[[str], None] = lambda _: None)
             say(f"sensors: {name}")
             equipped.append(_equipped(task, goal, plan, name))
     return Designed(task, spec, goal, plan, tuple(equipped))
+
+
+def _kept(task: DesignTask, goal: Goal, manoeuvres: Sequence[Manoeuvre]) -> KeptDrives:
+    """Return the drives that an interrupted design of the same has tried."""
+    if task.out is None:
+        return KeptDrives()
+    stated = sorted(task.wanted.items()), task.seed
+    kinds = [m.kind for m in manoeuvres]
+    return KeptDrives(task.out, basis(task.folder, goal, task.limits, stated, kinds))
 
 
 def _goal(task: DesignTask) -> Goal:

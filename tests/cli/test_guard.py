@@ -45,7 +45,7 @@ def raising(error):
         (
             KeyboardInterrupt(),
             130,
-            "interrupted: a study or a trace goes on from what is finished, other commands begin again\n",
+            "interrupted: a study, a trace or a plan goes on from what is finished, other commands begin again\n",
         ),
     ],
 )

@@ -179,7 +179,7 @@ def test_what_costs_much_wants_yes_where_there_is_no_terminal(harness, small_stu
         (
             KeyboardInterrupt(),
             130,
-            "interrupted: a study or a trace goes on from what is finished, other commands begin again",
+            "interrupted: a study, a trace or a plan goes on from what is finished, other commands begin again",
         ),
     ],
 )

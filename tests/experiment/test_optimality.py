@@ -1,6 +1,7 @@
 """Criteria of optimal design against closed forms, and what manoeuvres tell of a car against textbooks."""
 
 import math
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -23,7 +24,7 @@ def measured_at(degree):
     """Return measurements of a polynomial with unit noise, one at each place, each of one second."""
     rows = np.vander(PLACES, degree + 1, increasing=True)
     return [
-        TriedDrive(None, SimpleNamespace(seconds=1.0, place=x), (np.outer(r, r),), 1, 0.0)
+        TriedDrive(None, 1.0, (np.outer(r, r),), 1, 0.0, False, partial(SimpleNamespace, place=x))
         for x, r in zip(PLACES, rows, strict=True)
     ]
 
