@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -198,14 +198,17 @@ class _Search:
             [Callable[[Floats], tuple[Floats, TriedDrive | str]], list[Floats]], list[tuple[Floats, TriedDrive | str]]
         ],
     ) -> None:
-        """Try points of the unit cube, then points about the best so far, closer from round to round."""
+        """Try points of the unit cube, then points about the best so far, closer from round to round.
+
+        Where the best settles all, it is tried once more as short as a recording may be.
+        """
         free = self.manoeuvre.free
         cube = qmc.Sobol(free, rng=random).random(_FIRST)
         points, reach, best = list(cube[:effort]), _REACH, None
         spent = 0
         while points:
             spent += len(points)
-            for point, result in share(self._at, points):
+            for point, result in share(lambda p: self._at(p, self.room), points):
                 if isinstance(result, str):
                     self.reasons.add(result)
                     continue
@@ -216,14 +219,18 @@ class _Search:
             count = min(_BATCH, effort - spent)
             points = [np.clip(best[0] + reach * random.standard_normal(free), 0.0, 1.0) for _ in range(count)]
             reach *= _CLOSER
+        if best is not None and math.isfinite(best[1][0]):
+            shortest = replace(self.room, limits=replace(self.room.limits, duration=self.room.shortest))
+            _, result = self._at(best[0], shortest)
+            self.tried += [] if isinstance(result, str) else [result]
 
-    def _at(self, point: Floats) -> tuple[Floats, TriedDrive | str]:
+    def _at(self, point: Floats, room: SearchRange) -> tuple[Floats, TriedDrive | str]:
         """Return the drive at a point, or at a gentler one where it passes a limit, or which it passes at last."""
         point = point.copy()
         reason = _BUDGET
         for _ in range(_EASINGS):
             self.rehearsed += 1
-            drive = self.manoeuvre.drive(point, self.room, self.manoeuvre.name)
+            drive = self.manoeuvre.drive(point, room, self.manoeuvre.name)
             result = self._judged(drive)
             if not isinstance(result, str) or result == _BUDGET:
                 return point, result

@@ -1,0 +1,47 @@
+"""Search for drives, with a goal whose evidence is known beforehand."""
+
+import math
+from types import SimpleNamespace
+
+import pytest
+
+from harness.config import resolve_single
+from harness.experiment.design import design
+from harness.experiment.limits import Limits
+from harness.experiment.manoeuvres import SearchRange, chosen
+
+CAR = {"vehicle": "car", "parameters": "blanco_2021", "tyre": "linear", "sensors": "car_series"}
+SHORTEST = 20.0
+
+
+class Seconds:
+    """A goal that is reached by seconds of driving, twice as fast by a sweep."""
+
+    turns = 2
+
+    def __init__(self, needed):
+        self.enough = -needed
+
+    def evidence(self, drive):
+        return ((2.0 if drive.drive.kind == "sine_sweep" else 1.0) * drive.seconds,)
+
+    def value(self, evidence):
+        return 0.0 if evidence is None else -float(evidence[0])
+
+
+def plan(needed, *manoeuvres):
+    room = SearchRange.of(resolve_single(CAR, "test"), Limits(), SHORTEST)
+    rehearsal = SimpleNamespace(of=lambda drive: SimpleNamespace(drive=drive, seconds=drive.options["duration"]))
+    return design(Seconds(needed), rehearsal, room, chosen(manoeuvres), 60.0, effort=4, jobs=1)
+
+
+@pytest.mark.parametrize(("needed", "seconds"), [(70.0, 40.0), (100.0, 60.0), (math.inf, 60.0)])
+def test_a_drive_is_as_short_as_settles_all(needed, seconds):
+    (tried, times), *further = plan(needed, "sweep").sequence
+    assert (tried.seconds, times, further) == (seconds, 2, [])
+
+
+def test_what_settles_as_soon_with_more_is_first():
+    ranked = plan(30.0, "step", "sweep").ranked
+    assert [t.manoeuvre.name for t in ranked] == ["sweep", "step"]
+    assert [t.seconds for t in ranked] == [40.0, 40.0]
