@@ -62,6 +62,9 @@ _CALM = {"kind": "random_sequence", "duration": 40.0, "speed": 15.0, "speed_vari
 _CALM_ANGLE = {"car": 0.25, "semitrailer": 0.4}
 """rad of the steering wheel in the calm drives: about 1 m/s^2 of lateral acceleration."""
 
+_EXIT = 1.0
+"""s for which a vehicle goes on behind a drive before the recording ends, which may lack samples."""
+
 _RATIO = 20.0
 """Steering ratio by which the calm drives are checked: of the car's parameter set the steering wheel is the road's."""
 
@@ -224,6 +227,7 @@ def _driven(case: Case, out: Path, profiles: dict[str, Profile]) -> None:
     for name, p in profiles.items():
         files.append(str(plans / f"{name}.csv"))
         columns = np.column_stack([p.time, p.steering_wheel_angle, p.speed])
+        columns = np.vstack([columns, columns[-1] + [_EXIT, 0.0, 0.0]])
         np.savetxt(files[-1], columns, "%.9g", ",", header="time,steering_wheel_angle,speed", comments="")
     plant = [sys.executable, str(PLANT), "--case", case.name, "--repeat", str(case.repeat), "--quality", case.quality]
     done = subprocess.run([*plant, "--out", str(out), "--drive", *files], capture_output=True, text=True, check=False)

@@ -31,7 +31,8 @@ class Seconds:
 
 def plan(needed, *manoeuvres):
     room = SearchRange.of(resolve_single(CAR, "test"), Limits(), SHORTEST)
-    rehearsal = SimpleNamespace(of=lambda drive: SimpleNamespace(drive=drive, seconds=drive.options["duration"]))
+    rehearsal = SimpleNamespace()
+    rehearsal.of = rehearsal.again = lambda drive: SimpleNamespace(drive=drive, seconds=drive.options["duration"])
     return design(Seconds(needed), rehearsal, room, chosen(manoeuvres), 60.0, effort=4, jobs=1)
 
 
