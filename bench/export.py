@@ -171,7 +171,7 @@ def round_trip(name: str, repeats: int, folder: Path) -> dict[str, dict[str, flo
         subprocess.run(["make", "-s", f"lib{run.export.name}.so"], cwd=folder / run.export.name, check=True)
         (table,) = parse_toml(run.files["estimator.toml"], estimator)["estimator"]
         tables.append({**table, "library": str(folder / run.export.name / table["library"])})
-    content = parse_toml(chosen.text, str(chosen.path)) | {"estimator": tables, "tuning": None}
+    content = parse_toml(chosen.text, str(chosen.path)) | {"estimator": tables, "tuning": None, "report": None}
     in_c = build_study({k: v for k, v in content.items() if v is not None}, chosen.path)
     both = replace(
         chosen, estimators=(*kinds.values(), *in_c.estimators), designs=(design,), history=(), over_time=None

@@ -63,9 +63,9 @@ def count_monitor(
 
     from harness.common.stages import showing
     from harness.common.units import to_si
+    from harness.config.specs import MonitorSpec
     from harness.models.signals import SIGNALS
     from harness.realtime.export.run import believing
-    from harness.remedy.monitor.outcome import Asked
     from harness.remedy.monitor.run import check_target, count_monitor
 
     spec = study.spec if parameters is None else believing(study.spec, Path(parameters))
@@ -73,7 +73,7 @@ def count_monitor(
     for name, value in (limits or {}).items():
         check_target(spec, name)
         chosen[name] = to_si(value, SIGNALS[name].unit if name in SIGNALS else "", f"limit of {name}")
-    asked = Asked(chosen, to_si(window, "s", "window"), false_alarms, to_si(within, "s", "within"), runs)
+    asked = MonitorSpec(chosen, to_si(window, "s", "window"), false_alarms, to_si(within, "s", "within"), runs)
     with showing(Console(stderr=True), "building models and drives") as show:
         return TrustMonitor(count_monitor(spec, asked, estimator, jobs, show))
 

@@ -327,6 +327,14 @@ class Study(Shown):
                 client = stack.enter_context(connected(scheduler, jobs))
             folder = Path("results") / self.name if out is None else place(out)
             run_study(self.spec, folder, jobs, client=client, agree=agree, restart=restart, device=device)
+        if self.spec.monitor is not None:
+            from rich.console import Console
+
+            from harness.common.stages import showing
+            from harness.remedy.monitor.of_study import write
+
+            with showing(Console(stderr=True), "looking at what is counted of trust monitors") as show:
+                write(self.spec, folder, jobs, show)
         return open_results(folder)
 
     def _facts(self) -> dict[str, Any]:

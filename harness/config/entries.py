@@ -15,7 +15,7 @@ from harness.common.units import refuse_misread, to_si
 from harness.config.problems import Problems, validated
 from harness.config.roles import ESTIMATORS
 from harness.config.schema import DrivesFile, DriveTable, EstimatorTable, OpenTable, StudyFile
-from harness.config.specs import DesignSpec, DriveSpec, EstimatorSpec, OverTimeSpec, RareEventSpec
+from harness.config.specs import DesignSpec, DriveSpec, EstimatorSpec, MonitorSpec, OverTimeSpec, RareEventSpec
 from harness.external.references import located
 from harness.models.drive_options import options_of
 from harness.models.signals import SIGNALS
@@ -286,6 +286,42 @@ def rare_event(
         problems.add(f"{key}.limit", f"give a positive limit, as 'limits' has none of {table.target}")
     spec = RareEventSpec(table.design, table.target, limit, chosen, table.samples)
     return spec if len(problems) == before else None
+
+
+def monitor(
+    raw: StudyFile, tolerable: dict[str, float], estimators: Sequence[EstimatorSpec], problems: Problems
+) -> MonitorSpec | None:
+    """Return what is asked of trust monitors, or ``None`` if nothing is or it is wrong."""
+    table, key, before = raw.report.monitor, "report.monitor", len(problems)
+    if table is None:
+        return None
+    chosen, names = dict(tolerable) if not table.limits else {}, [e.name for e in estimators]
+    for target, value in table.limits.items():
+        where = f"{key}.limits.{target}"
+        if target not in raw.targets:
+            problems.add(where, f"'{target}' is no target of the study{registry.closest(target, raw.targets)}")
+            continue
+        with problems.catch(where):
+            chosen[target] = to_si(value, SIGNALS[target].unit if target in SIGNALS else "", problems.at(where))
+            if not chosen[target] > 0:
+                problems.add(where, f"give an error above zero, not {value!r}")
+    if not chosen and not table.limits:
+        problems.add(f"{key}.limits", "state the error of a target that matters, as the study has no 'limits'")
+    for i, name in enumerate(table.estimators):
+        if name not in names:
+            problems.add(
+                f"{key}.estimators[{i}]", f"'{name}' is no estimator of the study{registry.closest(name, names)}"
+            )
+    times = {}
+    for entry, value in (("window", table.window), ("within", table.within)):
+        with problems.catch(f"{key}.{entry}"):
+            times[entry] = to_si(value, "s", problems.at(f"{key}.{entry}"))
+            if not times[entry] > 0:
+                problems.add(f"{key}.{entry}", f"give a time above zero, not {value!r}")
+    if len(problems) > before:
+        return None
+    watched = tuple(dict.fromkeys(table.estimators)) or tuple(names[:1])
+    return MonitorSpec(chosen, times["window"], float(table.false_alarms), times["within"], table.runs, watched)
 
 
 def over_time(

@@ -17,6 +17,7 @@ from harness.config.entries import (
     drives_of,
     estimator_specs,
     limits,
+    monitor,
     named_files,
     over_time,
     probability_within,
@@ -97,6 +98,8 @@ def _shortened(study: StudyFile, drives: Sequence[DriveSpec]) -> StudyFile:
         "drive": [DriveTable(name=d.name, kind=d.kind, **d.options) for d in kept],
         "design": designs,
     }
+    if study.report.monitor is not None:  # drives are too few to calibrate on
+        changes["report"] = study.report.model_copy(update={"monitor": None})
     first = [table.model_copy(update={"sample": 0, "repeat": 0}) for table in study.histories.values()]
     if first:
         changes["history"] = first[0] if isinstance(study.history, HistoryTable) else first
@@ -177,6 +180,7 @@ def _resolve(raw: StudyFile, text: str, path: Path) -> StudySpec:
     settled = score_after(raw, problems)
     within = probability_within(raw, problems)
     rare = rare_event(raw, tolerable, estimators, problems)
+    watched = monitor(raw, tolerable, estimators, problems)
     along = over_time(raw, designs, drives, problems)
     problems.stop()
     assert plant is not None
@@ -202,6 +206,7 @@ def _resolve(raw: StudyFile, text: str, path: Path) -> StudySpec:
         bound=raw.report.bound,
         probability_within=within,
         rare_event=rare,
+        monitor=watched,
         count_from=CountFrom(**raw.count_from.model_dump()),
     )
     object.__setattr__(study, "hash", _hash(study))  # the record is complete only now

@@ -183,6 +183,23 @@ class RareEventTable(StrictTable):
     )
 
 
+class MonitorTable(StrictTable):
+    """``monitor`` of ``[report]``."""
+
+    limits: dict[str, Quantity] = Field(
+        default_factory=dict, description="error that matters by target (default: `limits` of the study)"
+    )
+    estimators: list[Name] = Field(default_factory=list, description="names of estimators (default: the first)")
+    window: Quantity = Field(default="2 s", description="time over which innovations are averaged")
+    false_alarms: Annotated[Number, Field(gt=0)] = Field(
+        default=1.0, description="allowed in an hour where all is as believed"
+    )
+    within: Quantity = Field(default="3 s", description="time in which an error has to be said")
+    runs: Annotated[StrictInt, Field(ge=1)] = Field(
+        default=40, description="of each level and drive that are counted, at most"
+    )
+
+
 class ReportTable(StrictTable):
     """``[report]``: what the report shows beyond what every report shows."""
 
@@ -191,6 +208,9 @@ class ReportTable(StrictTable):
     )
     rare_event: RareEventTable | None = Field(
         default=None, description="an event too rare for the points of a population, by subset simulation after the run"
+    )
+    monitor: MonitorTable | None = Field(
+        default=None, description="trust monitors of estimators, calibrated and counted after the run (docs/monitor.md)"
     )
     probability_within: Quantity = Field(
         default=0.01,

@@ -345,6 +345,27 @@ class RareEventSpec:
 
 
 @dataclass(frozen=True)
+class MonitorSpec:
+    """What a trust monitor is to be; it decides no score.
+
+    Attributes:
+        limits: Error of a target that matters, SI.
+        window: Over which it averages, in s.
+        per_hour: False alarms that it may give in an hour.
+        within: In which it has to speak of an error, in s.
+        runs: Of a level and drive that are counted, at most.
+        estimators: Names of those that are watched.
+    """
+
+    limits: dict[str, float]
+    window: float = 2.0
+    per_hour: float = 1.0
+    within: float = 3.0
+    runs: int = 40
+    estimators: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class CountFrom:
     """Where the counts begin that the random numbers of a run depend on.
 
@@ -384,6 +405,7 @@ class StudySpec:
         bound: Whether the report shows the posterior Cramer-Rao bound; it decides no score.
         probability_within: Half-width of the interval of a probability for which the report counts points.
         rare_event: What subset simulation estimates after the run; ``None`` if it was not asked for.
+        monitor: What is counted of trust monitors after the run; ``None`` if it was not asked for.
         count_from: Where the counts begin that random numbers depend on.
         hash: SHA-256 of what the study computes: independent of comments, layout, title and labels; changes
             with every resolved number, with the drives' options and with the content of recorded files.
@@ -412,6 +434,7 @@ class StudySpec:
     bound: bool = False
     probability_within: float = 0.01
     rare_event: RareEventSpec | None = None
+    monitor: MonitorSpec | None = None
     device: Device = "cpu"
 
     def design(self, name: str) -> DesignSpec:

@@ -247,9 +247,11 @@ def applied(study: StudySpec, remedy: Remedy, estimator: str, tuning: Path | Non
         f for d in content["design"] for f in d.get("factor", []) if f["parameter"] in remedy.ideal_parameters
     ):
         factor["of"] = "both"
-    is_tuned = any(e.noise for e in study.estimators if e.name == estimator)
-    for key in ("history", "report", *(() if is_tuned else ("tuning",))):
+    for key in ("history", "report", "tuning"):
         content.pop(key, None)
+    noise = next((e.noise for e in study.estimators if e.name == estimator and e.noise), None)
+    if noise is not None:  # a file of tunings may have those of other estimators
+        content["tuning"] = {"rule": study.tuning, "estimator": {estimator: dict(noise)}}
     if tuning is not None:
         content["tuning"] = as_table(tuning)  # a store names no place
     return build_study(content, study.path.parent / content["name"])

@@ -18,7 +18,7 @@ from harness.common.errors import MissingFileError, UserError
 from harness.common.places import reached
 from harness.common.units import registry
 from harness.models.quantities import Quantity, capital, print_unit, quantity, words
-from harness.study import bound_file, rare_file, run_file, sealed_root
+from harness.study import bound_file, rare_file, run_file, sealed_root, trust_file
 from harness.study.checksums import HISTORY, described, is_verifiable
 from harness.study.score_names import ESTIMATOR_DIVERGED, LOST, LOST_CONTROL, OK, PENDING, PLANT_DIVERGED
 
@@ -319,6 +319,7 @@ class StudyResults:
         bounds: Smallest RMSE that anyone could reach, SI, by design, target and band; empty where it was not asked for.
         smoothed: What a smoother that knows the vehicle reaches, as ``bounds``.
         rare_event: What ``rare_event.json`` says, nothing where it was not asked for.
+        trust: How often trust monitors are right, nothing where that was not asked for.
     """
 
     directory: Path
@@ -329,6 +330,7 @@ class StudyResults:
     bounds: bound_file.Bounds = field(default_factory=dict)
     smoothed: bound_file.Bounds = field(default_factory=dict)
     rare_event: dict[str, Any] = field(default_factory=dict)
+    trust: trust_file.StudyTrust | None = None
 
     @property
     def is_verifiable(self) -> bool:
@@ -404,6 +406,5 @@ def _read(directory: Path) -> StudyResults:
     attributes["study"] = root.attrs.get("study", "")
     hashed = str(attributes.get("study_hash", ""))
     at_best = bound_file.read(directory, hashed), bound_file.read(directory, hashed, "smoothed")
-    return StudyResults(
-        directory, attributes, designs, histories, run_file.read(directory), *at_best, rare_file.read(directory, hashed)
-    )
+    later = rare_file.read(directory, hashed), trust_file.read(directory, hashed)
+    return StudyResults(directory, attributes, designs, histories, run_file.read(directory), *at_best, *later)

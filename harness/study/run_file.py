@@ -9,7 +9,7 @@ import numpy as np
 
 from harness.common.errors import UserError
 from harness.common.files import json_table
-from harness.study import bound_file, rare_file
+from harness.study import bound_file, rare_file, trust_file
 
 FILE = "run.json"
 
@@ -36,7 +36,7 @@ def _wrong(content: dict[str, Any]) -> str | None:
 def faults(folder: Path) -> list[str]:
     """Return what is wrong with the files beside a store, in words with the remedy; they have no checksums."""
     errors = []
-    for look in (read, bound_file.content_of, rare_file.content_of):
+    for look in (read, bound_file.content_of, rare_file.content_of, trust_file.content_of):
         try:
             look(folder)
         except UserError as error:

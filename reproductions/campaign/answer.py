@@ -22,6 +22,7 @@ from harness.study.report.sections.sensitivity import in_short
 from harness.study.report.sections.tolerance import breaks_first, told
 from harness.study.results import Design
 from harness.study.tolerance import Tolerance
+from reproductions.campaign import trust
 from reproductions.campaign.claims import Finding
 from reproductions.campaign.evidence import Verdict, share
 from reproductions.campaign.results import Results
@@ -88,6 +89,8 @@ def answer(results: Results, tested: list[Finding]) -> list[Block]:
         ("What drives its error?", " ".join(in_short(joint.ranking))),
         ("Which findings of the dissertation are reproduced?", _holds(tested)),
     ]
+    if said := trust.in_short(results):
+        items.append(("Do the filters say when they are not to be trusted?", said))
     return [
         Bullets([f"{strong(question)} {plain(text)}" for question, text in items]),
         _picture(joint),

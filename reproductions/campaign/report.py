@@ -16,7 +16,7 @@ from harness.realtime import report as realtime
 from harness.reporting.document import Block, Heading, Linked, Prose, Report, Section, Sheet, plain
 from harness.reporting.style import number
 from harness.study.report.sections import boxes, drives
-from reproductions.campaign import box, on_study
+from reproductions.campaign import box, on_study, trust
 from reproductions.campaign.answer import answer
 from reproductions.campaign.claims import ANGLE, FORCE, MEDIANS, Finding, findings
 from reproductions.campaign.evidence import Evidence, Verdict
@@ -56,6 +56,7 @@ def write_campaign(results: Path, out: Path) -> list[Path]:
         Section(lambda: _findings(campaign, tested, Path(out)), "What the dissertation found, tested on our data"),
         Section(lambda: _figures(campaign), "The dissertation's figures from our data"),
         Section(lambda: drives.blocks(campaign.analyses["ideal"]), "On which drives are the estimators wrong?"),
+        Section(lambda: trust.blocks(campaign, Path(out)), "Do the filters say when they are not to be trusted?"),
         Section(lambda: _made(campaign), "How it was made"),
     ]
     title = "Which estimator can be trusted, within which envelope, and what drives its error?"

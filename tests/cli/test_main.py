@@ -224,8 +224,8 @@ def test_study_by_name(harness, small_study, monkeypatch):
     monkeypatch.setattr(stage, "run_study", lambda study, out, *_, **__: names.append((study.name, out)))
     monkeypatch.setattr("harness.api.results.open_results", lambda folder: folder)
     monkeypatch.setattr(cli, "_write_report", lambda *_, **__: None)
-    assert harness("run", "mass")[0] == 0
-    assert names == [("mass", Path("results/mass"))]
+    assert harness("run", "ideal")[0] == 0
+    assert names == [("ideal", Path("results/ideal"))]
     status, _, err = harness("run", "mas")
     assert status == 2
     assert "there is no study 'mas'; closest: mass (looked in studies)" in err

@@ -13,10 +13,10 @@ from harness.cli.main import app
 from harness.common.errors import UserError
 from harness.common.files import toml_text, write_files
 from harness.config import build_study
+from harness.config.specs import MonitorSpec
 from harness.engine.simd.lanes import LANES
 from harness.realtime.export import run
 from harness.remedy.monitor.answer import answer, sentences
-from harness.remedy.monitor.outcome import Asked
 from harness.remedy.monitor.run import count_monitor
 from harness.runner.contract import Held, InputSeries
 from harness.runner.monitor import REASONS, Watching
@@ -40,7 +40,7 @@ def study_of(folder, **changes):
 
 @pytest.fixture(scope="module")
 def counted(tmp_path_factory):
-    return count_monitor(study_of(tmp_path_factory.mktemp("car")), Asked(LIMITS, 1.0, 60.0, 2.0, 8), jobs=1)
+    return count_monitor(study_of(tmp_path_factory.mktemp("car")), MonitorSpec(LIMITS, 1.0, 60.0, 2.0, 8), jobs=1)
 
 
 def test_bounds_are_from_runs_as_believed_and_counts_from_others(counted):
@@ -62,7 +62,7 @@ def test_bounds_are_from_runs_as_believed_and_counts_from_others(counted):
 
 
 def test_hours_of_the_calibration_are_of_samples_where_windows_are_cut(tmp_path):
-    cut = count_monitor(study_of(tmp_path), Asked(LIMITS, 3.0, 60.0, 2.0, 8), jobs=1)  # of drives of 5 s
+    cut = count_monitor(study_of(tmp_path), MonitorSpec(LIMITS, 3.0, 60.0, 2.0, 8), jobs=1)  # of drives of 5 s
     kept = cut.kept[0].samples.sum() * cut.monitor.step / 3600.0
     assert cut.calibrated.hours == pytest.approx(kept, rel=0.1)
 
@@ -183,15 +183,15 @@ def test_a_file_that_is_no_monitor_of_it_is_refused(key, value, said, counted, t
 def test_what_cannot_be_counted_is_said_in_one_line(tmp_path):
     study = study_of(tmp_path)
     with pytest.raises(UserError, match=r"'foreign' has no \[limits\]"):
-        count_monitor(study, Asked({}))
+        count_monitor(study, MonitorSpec({}))
     with pytest.raises(UserError, match="nothing that a monitor could be calibrated on"):
-        count_monitor(study, Asked({"lateral_velocity": 1e-9}, 1.0, 600.0), jobs=1)
+        count_monitor(study, MonitorSpec({"lateral_velocity": 1e-9}, 1.0, 600.0), jobs=1)
     with pytest.raises(UserError, match="none of that name"):
-        count_monitor(study, Asked(LIMITS), "ukf")
+        count_monitor(study, MonitorSpec(LIMITS), "ukf")
     with pytest.raises(UserError, match="no window of samples"):
-        count_monitor(study, Asked(LIMITS, 0.01), jobs=1)
+        count_monitor(study, MonitorSpec(LIMITS, 0.01), jobs=1)
     with pytest.raises(UserError, match="--window 1000 s: no drive of study 'foreign' is scored for longer than"):
-        count_monitor(study, Asked(LIMITS, 1000.0), jobs=1)
+        count_monitor(study, MonitorSpec(LIMITS, 1000.0), jobs=1)
     with pytest.raises(UserError, match="--limit yaw_speed: study 'foreign' has no such target"):
         harness.count_monitor(
             harness.read_study(write_files(tmp_path, {"study.toml": toml_text(FULL)})[0]),

@@ -2,7 +2,9 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,10 +12,12 @@ from scipy import stats
 
 from harness.common.errors import UserError
 from harness.common.statistics import Interval
+from harness.config.specs import MonitorSpec
 from harness.reporting import hooks
+from harness.study import trust_file
 from harness.study.report.analysis import Analysis
 from harness.study.results import read
-from reproductions.campaign import box
+from reproductions.campaign import box, trust
 from reproductions.campaign.answer import Joint, answer
 from reproductions.campaign.claims import CLAIMS, findings
 from reproductions.campaign.evidence import Evidence, Verdict, judge, ratio_of_medians, share
@@ -209,3 +213,29 @@ def test_report_is_written(campaign, tmp_path: Path):
     ):
         assert words in text
     assert pdf.read_bytes().startswith(b"%PDF")
+
+
+def test_trust_monitors_are_told_by_factor_and_size(campaign, tmp_path: Path):
+    of_none = campaign()
+    assert "Do the filters say" not in write_campaign(tmp_path, tmp_path / "campaign")[0].read_text(encoding="utf-8")
+    assert trust.in_short(of_none) == ""
+    level = trust_file.LevelTrust("level", "trailer mass 8 t", 0.47, 0.4, 0.26, 0.3, 0.097, Interval(0.64, 0.6, 0.7),
+                                  (1.0, 0.3, 0.0))  # fmt: skip
+    small = replace(level, label="trailer mass 24 t", wrong=0.0)
+    target = trust_file.TargetTrust(FORCE, 2e3, (), (small, level), (1.0, 0.1, 0.0))
+    watched = trust_file.EstimatorTrust("UKF", ("Often.",), Interval(1.7, 0.9, 3.0), (target,))
+    study = SimpleNamespace(hash=of_none.stores["mass"].attributes["study_hash"], monitor=MonitorSpec({FORCE: 2e3}))
+    trust_file.write(tmp_path / "mass", study, trust_file.StudyTrust(3.0, (watched,)))
+    told = Results(tmp_path)
+    assert trust.in_short(told) == (
+        "With UKF the lateral force axle 21 is wrong by more than 2 kN in this share of the samples, and its monitor "
+        "says so within 3 s in this share of these: trailer mass 8 t 47 %, said 40 %."
+    )
+    _, sheet, figure = trust.blocks(told, tmp_path / "campaign")
+    (row,) = sheet.rows
+    assert row[1:] == ["UKF", "1.7 (0.90 to 3.0)", "trailer mass 8 t", "47 %", "40 %", "0.300 s",
+                       "0.64 (0.60 to 0.70)", "9.7 %"]  # fmt: skip
+    assert figure.caption.startswith("Mass. Share of the samples in error")
+    assert b"trailer mass 8 t: area 0.64" in figure.draw()
+    text = write_campaign(tmp_path, tmp_path / "campaign")[0].read_text(encoding="utf-8")
+    assert text.count("Do the filters say when they are not to be trusted?") >= 2  # in the answer and over the section

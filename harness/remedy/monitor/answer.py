@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
-from harness.models.quantities import listed, quantity, words
+from harness.config import StudySpec
+from harness.models.quantities import listed, words
 from harness.remedy.monitor.counts import per_hour
-from harness.remedy.monitor.outcome import OFTEN, Counted, Level
+from harness.remedy.monitor.outcome import Counted, Level
 from harness.remedy.monitor.sensors import LITTLE, ParameterInformation
 from harness.reporting.style import number, percent
+from harness.study.report.sections.trust import beyond, share
+from harness.study.trust_file import OFTEN
 
 
 def sentences(counted: Counted) -> list[str]:
@@ -41,43 +45,48 @@ def called(counted: Counted, level: Level) -> str:
     return f"{level.label} ({level.design})" if several else level.label
 
 
-def named(counted: Counted, level: Level) -> str:
-    """Return what a level is called, behind the name of what it is a value of where that is one factor."""
-    factors = next(d.factors for d in counted.study.designs[1:] if d.name == level.design)
-    is_value = len(factors) == 1 and level.label.lstrip("+-−")[:1].isdigit()
-    return f"{words(factors[0].parameter)} {called(counted, level)}" if is_value else called(counted, level)
+def valued(study: StudySpec, design: str, label: str) -> str:
+    """Return the label of a level behind the name of what it is a value of; of several parameters their number."""
+    factors = next(d.factors for d in study.designs if d.name == design)
+    if not factors or not label.lstrip("+-−±×")[:1].isdigit():
+        return label
+    return f"{words(factors[0].parameter) if len(factors) == 1 else f'{len(factors)} parameters'} {label}"
 
 
-def limit_of(counted: Counted, t: int) -> str:
-    """Write the error of a target that matters."""
-    shown = quantity(counted.targets[t])
-    value = f"{counted.asked.limits[counted.targets[t]] * shown.scale:.4g}"
-    return f"{value}{'' if shown.unit in ('°', '') else ' '}{shown.unit}"
+def named(counted: Counted, levels: Sequence[Level]) -> list[str]:
+    """Return what levels are called; the first of each design behind the name of what it is a value of."""
+    first = {level.design: level for level in reversed(levels)}
+    return [
+        called(counted, replace(level, label=valued(counted.study, level.design, level.label)))
+        if first[level.design] is level
+        else called(counted, level)
+        for level in levels
+    ]
 
 
-def beyond(counted: Counted, t: int) -> str:
+def wrong_by(counted: Counted, t: int) -> str:
     """Say that a target is wrong."""
-    return f"the {quantity(counted.targets[t]).words} is wrong by more than {limit_of(counted, t)}"
+    return beyond(counted.targets[t], counted.asked.limits[counted.targets[t]])
 
 
 def _detections(counted: Counted, t: int) -> list[str]:
     """Say of a target what the monitor says at the worst level, and in short at the others."""
     levels = [level for level in counted.levels if speaks(level, t)]
     if not levels:
-        return [f"At no level {beyond(counted, t)} in {percent(OFTEN)} of the samples."]
+        return [f"At no level {wrong_by(counted, t)} in {percent(OFTEN)} of the samples."]
     of_first = [level for level in levels if level.design == levels[0].design]
     first = max(of_first, key=lambda level: level.counts[t].wrong_share)
     counts, within = first.counts[t], f"{counted.asked.within:g} s"
     kept = f", {share(counted.kept[t].false_share)} in runs that keep the limits" if counted.kept else ""
     text = (
-        f"At {named(counted, first)} {beyond(counted, t)} in {percent(counts.wrong_share)} of the samples; the "
+        f"At {named(counted, [first])[0]} {wrong_by(counted, t)} in {percent(counts.wrong_share)} of the samples; the "
         f"monitor says so in {share(counts.said_share)} of these within {within}, and in "
         f"{share(counted.believed[t].false_share)} of those without such an error where all is as believed{kept}."
     )
+    further = [level for level in levels if level is not first]
     others = [
-        f"{called(counted, level)}: {percent(level.counts[t].wrong_share)}, {share(level.counts[t].said_share)}"
-        for level in levels
-        if level is not first
+        f"{name}: {percent(level.counts[t].wrong_share)}, {share(level.counts[t].said_share)}"
+        for name, level in zip(named(counted, further), further, strict=True)
     ]
     return [text, f"Likewise wrong, and said of these: {'; '.join(others)}."] if others else [text]
 
@@ -88,10 +97,10 @@ def _blind(counted: Counted) -> Iterator[str]:
         levels = [level for level in counted.levels if level.is_blind(t)]
         if not levels:
             continue
-        names = listed([named(counted, levels[0]), *(called(counted, level) for level in levels[1:])])
+        names = listed(named(counted, levels))
         largest = max(level.areas[t].value for level in levels)
         yield (
-            f"At {names} the innovations hardly show that {beyond(counted, t)}: they tell a sample in error from one "
+            f"At {names} the innovations hardly show that {wrong_by(counted, t)}: they tell a sample in error from one "
             f"without with an area under the curve of {number(largest, 2)} at most, where 0.5 is guessing."
         )
     yield from (_could(each) for each in counted.information)
@@ -130,8 +139,3 @@ def answer(counted: Counted) -> str:
     """Return the result in a few sentences: false alarms, the worst level of each target, and what is not seen."""
     worst = [_detections(counted, t)[0] for t in range(len(counted.targets))]
     return " ".join([_false_alarms(counted), *worst, *_blind(counted), *_unvaried(counted)])
-
-
-def share(value: float) -> str:
-    """Write a share in percent, a dash where there is none."""
-    return percent(value) if value == value else "–"

@@ -8,35 +8,12 @@ import numpy as np
 
 from harness.common.statistics import Interval
 from harness.config import StudySpec
+from harness.config.specs import MonitorSpec
 from harness.realtime.export.monitor import Monitor
 from harness.remedy.monitor.bounds import Calibrated
 from harness.remedy.monitor.counts import Counts
 from harness.remedy.monitor.sensors import ParameterInformation
-
-BLIND = 0.7
-"""Area under the curve below which the innovations do not show an error."""
-
-OFTEN = 0.01
-"""Share of the samples in error from which a level is spoken of."""
-
-
-@dataclass(frozen=True)
-class Asked:
-    """What a monitor is to be.
-
-    Attributes:
-        limits: Error of a target that matters, SI.
-        window: Over which it averages, in s.
-        per_hour: False alarms that it may give in an hour.
-        within: In which it has to speak of an error, in s.
-        runs: Of a level and drive that are counted, at most.
-    """
-
-    limits: dict[str, float]
-    window: float = 2.0
-    per_hour: float = 1.0
-    within: float = 3.0
-    runs: int = 40
+from harness.study.trust_file import BLIND, OFTEN
 
 
 @dataclass(frozen=True)
@@ -77,7 +54,7 @@ class Counted:
     """
 
     study: StudySpec
-    asked: Asked
+    asked: MonitorSpec
     monitor: Monitor
     targets: tuple[str, ...]
     calibrated: Calibrated

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 
-import numpy as np
-from matplotlib.lines import Line2D
-
 from harness.common.files import write_files
-from harness.models.quantities import capital, listed, quantity, words
-from harness.remedy.monitor.answer import beyond, limit_of, share, speaks
+from harness.models.quantities import listed, quantity, words
+from harness.remedy.monitor.answer import valued
 from harness.remedy.monitor.bounds import independent
-from harness.remedy.monitor.counts import Counts, roc
-from harness.remedy.monitor.outcome import BLIND, Counted, Level
-from harness.reporting import style
-from harness.reporting.document import Block, Bullets, Drawing, Listing, Prose, Report, Section, Sheet, plain, strong
-from harness.reporting.style import number, percent, span, with_unit
+from harness.remedy.monitor.of_study import trust_of
+from harness.remedy.monitor.outcome import Counted
+from harness.reporting.document import Block, Bullets, Listing, Prose, Report, Section, Sheet, plain, strong
+from harness.reporting.style import number, percent
 from harness.runner.monitor import REASONS
+from harness.study.report.sections.trust import figures, tables
+from harness.study.trust_file import BLIND, StudyTrust
 
 MONITOR = "monitor.toml"
 
@@ -53,91 +50,15 @@ def _answer(counted: Counted) -> list[Block]:
     blocks: list[Block] = (
         [Prose(strong(first)), Bullets([plain(text) for text in further])] if further else [Prose(strong(first))]
     )
-    for t, target in enumerate(counted.targets):
-        if _drawn(counted, t):
-            caption = (
-                "Share of the samples in error that have more evidence against the belief than a bound, over the share "
-                "of those without where all is as believed, for every bound; point: the bound of the monitor. On the "
-                "dashed line evidence says nothing. Whether an alarm follows within some seconds does not count here."
-            )
-            alt = f"Detection of errors of the {quantity(target).words} over false alarms"
-            blocks.append(Drawing(partial(_draw, counted, t), caption, alt))
-    return blocks
+    return [*blocks, *figures(_trust(counted))]
 
 
-def _drawn(counted: Counted, t: int) -> list[Level]:
-    """Return the levels of a figure: those with errors of the first design that has any."""
-    levels = [level for level in counted.levels if speaks(level, t)]
-    return [level for level in levels if level.design == levels[0].design]
-
-
-def _draw(counted: Counted, t: int) -> bytes:
-    """Draw a curve for each level."""
-    levels = _drawn(counted, t)
-    names = [level.label for level in levels]
-    looks = style.looks(names)
-    with style.drawing():
-        fig = style.figure(style.HALF)
-        axes = fig.subplots()
-        for level, name in zip(levels, names, strict=True):
-            false, right = roc(counted.believed[t], level.counts[t])
-            at = len(false) // 2  # of the bound: evidence is 1
-            look, where = looks[name], level.areas[t]
-            text = f"{name}: area {number(where.value, 2)} ({span(where.lower, where.upper)})"
-            with style.series(axes, name):
-                axes.plot(false, right, color=look.line, ls=look.dashes)
-                (point,) = axes.plot(false[at], right[at], marker=look.marker, color=look.face, mec=look.line, ls="")
-                style.mark(point, name, text)
-        axes.plot([0, 1], [0, 1], color=style.MEASURED, ls=(0, (4, 3)), zorder=0)
-        axes.set_xlim(-0.01, 1.01)
-        axes.set_ylim(-0.01, 1.01)
-        axes.set_xlabel("share of samples without error, as believed")
-        axes.set_ylabel("share of samples in error")
-        axes.grid()
-        handles = [
-            Line2D([], [], color=looks[n].line, ls=looks[n].dashes, marker=looks[n].marker, mfc=looks[n].face, label=n)
-            for n in names
-        ]
-        style.head(fig, f"Do the innovations show that {beyond(counted, t)}?", handles)
-        return style.svg(fig)
+def _trust(counted: Counted) -> StudyTrust:
+    return StudyTrust(counted.asked.within, (trust_of(counted),))
 
 
 def _counts(counted: Counted) -> list[Block]:
-    within = f"{counted.asked.within:g} s"
-    header = ["design", "level", "in error", f"said within {within}", "not trusted", "delay", "area",
-              "alarm, no error"]  # fmt: skip
-    blocks: list[Block] = []
-    for t, target in enumerate(counted.targets):
-        shown = quantity(target)
-        rows = [["–", "as believed, within limits", *_row(counted, counted.kept[t], "–")]] if counted.kept else []
-        rows.append(["–", "as believed", *_row(counted, counted.believed[t], "–")])
-        for level in counted.levels:
-            a = level.areas[t]
-            around = (
-                f"{number(a.value, 2)} ({number(a.lower, 2)} to {number(a.upper, 2)})" if a.value == a.value else "–"
-            )
-            rows.append([level.design, level.label, *_row(counted, level.counts[t], around)])
-        caption = (
-            f"{capital(shown.words)}, of which an error above {limit_of(counted, t)} matters: share of the samples in "
-            f"error; of these, at which an alarm stands or begins within {within}, and at which the estimate is not "
-            "trusted at once for any reason (level 1 or 2); delay of the first alarm behind the first error, median "
-            "over runs; area under the curve with its interval at 95 % (whole runs drawn with replacement); and share "
-            "of the samples without error that are in an alarm."
-        )
-        blocks.append(Sheet(header, rows, caption, left=2))
-    blocks.append(_reasons(counted))
-    return blocks
-
-
-def _row(counted: Counted, counts: Counts, around: str) -> list[str]:
-    delay = counted.delay(counts)
-    warned = counts.warned.sum() / counts.wrong.sum() if counts.wrong.sum() else float("nan")
-    shares = [counts.wrong_share, counts.said_share, float(warned)]
-    return [*map(share, shares), _delay(delay), around, share(counts.false_share)]
-
-
-def _delay(seconds: float) -> str:
-    return "–" if np.isnan(seconds) else with_unit(seconds, "s") if np.isfinite(seconds) else "never"
+    return [*tables(_trust(counted)), _reasons(counted)]
 
 
 def _reasons(counted: Counted) -> Sheet:
@@ -146,7 +67,7 @@ def _reasons(counted: Counted) -> Sheet:
         [design, label, *(percent(share) for share in counts.reasons.sum(axis=0) / max(counts.samples.sum(), 1.0))]
         for design, label, counts in (
             ("–", "as believed", counted.believed[0]),
-            *((level.design, level.label, level.counts[0]) for level in counted.levels),
+            *((each.design, valued(counted.study, each.design, each.label), each.counts[0]) for each in counted.levels),
         )
     ]
     meanings = "; ".join(f"{bit}: {text.partition(':')[0]}" for bit, text in REASONS.items())

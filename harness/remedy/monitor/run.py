@@ -16,12 +16,13 @@ from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.registry import closest
 from harness.config import StudySpec
+from harness.config.specs import MonitorSpec
 from harness.engine.simd.lanes import LANES
 from harness.realtime.export.monitor import Monitor
 from harness.remedy.monitor.answer import sentences
 from harness.remedy.monitor.bounds import Calibrated, calibrated, peaks
 from harness.remedy.monitor.counts import Counts, area, counted, joined
-from harness.remedy.monitor.outcome import Asked, Counted, Level
+from harness.remedy.monitor.outcome import Counted, Level
 from harness.remedy.monitor.runs import WatchedRun, Watcher
 from harness.remedy.monitor.sensors import parameter_information
 from harness.runner.monitor import Bounds, bounds_of
@@ -58,7 +59,7 @@ class _Envelope:
 
 def count_monitor(
     study: StudySpec,
-    asked: Asked,
+    asked: MonitorSpec,
     estimator: str | None = None,
     jobs: int | None = None,
     say: Callable[[str], None] = lambda _: None,
@@ -139,7 +140,7 @@ def _lengths(study: StudySpec) -> list[float]:
     return [float(profile_of(study.plant, drive).time[-1]) for drive in study.drives]
 
 
-def _repeats(lengths: Sequence[float], asked: Asked) -> int:
+def _repeats(lengths: Sequence[float], asked: MonitorSpec) -> int:
     """Return how many runs of each drive as believed there may be: two parts, each of rounds of some alarms allowed."""
     each = max(ENOUGH / asked.per_hour / (sum(lengths) / 3600.0), LANES)
     return 2 * ROUNDS * LANES * math.ceil(each / LANES)
@@ -207,7 +208,7 @@ def _monitor(watcher: Watcher, envelope: _Envelope, bounds: Calibrated, window: 
 
 
 def _as_believed(
-    watcher: Watcher, bounds: Bounds, pool: ThreadPoolExecutor, asked: Asked, window: int, runs: int
+    watcher: Watcher, bounds: Bounds, pool: ThreadPoolExecutor, asked: MonitorSpec, window: int, runs: int
 ) -> tuple[list[Counts], list[Counts]]:
     """Count as many further runs that are as believed: those within their limits, and all."""
     targets, within = len(watcher.targets), round(asked.within / watcher.study.belief.step)

@@ -30,6 +30,7 @@ from harness.study.report.sections import (
     sensitivity,
     shares,
     tolerance,
+    trust,
     weights,
 )
 from harness.study.report.sections.made import NOT_VERIFIABLE as NOT_VERIFIABLE
@@ -48,6 +49,7 @@ _SECTIONS = {
     "How much weight does a measurement get?": weights.blocks,
     "When is the drive informative?": certainty.blocks,
     "Are the stated covariances consistent?": consistency.blocks,
+    "Does the filter say when it is not to be trusted?": trust.blocks,
     "On which drives are the estimators wrong?": drives.blocks,
     "How does the error depend on the actual value?": scatter.blocks,
     "How was this made?": made.blocks,
