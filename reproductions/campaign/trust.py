@@ -34,10 +34,10 @@ def in_short(campaign: Results) -> str:
             of_estimators.setdefault(key, []).append((worst, trust))
     sentences = []
     for (estimator, error), levels in of_estimators.items():
-        parts = [f"{level.label} {share(level.wrong)}, said {share(level.said)}" for level, _ in levels]
+        parts = [f"{level.label} {share(level.wrong)}, of these {share(level.said)}" for level, _ in levels]
         sentences.append(
-            f"With {estimator} {error} in this share of the samples, and its monitor says so within "
-            f"{levels[0][1].within:g} s in this share of these: {'; '.join(parts)}."
+            f"{estimator}: samples in which {error}, and share of these that its monitor says within "
+            f"{levels[0][1].within:g} s: {'; '.join(parts)}."
         )
     return " ".join(sentences)
 

@@ -2,6 +2,7 @@
 
 import json
 import re
+from pathlib import Path
 
 import pytest
 
@@ -10,6 +11,7 @@ from harness.common.errors import UserError
 from harness.common.files import toml_text
 from harness.config import build_study, load_study
 from harness.realtime.export import run
+from harness.remedy import choices
 from harness.remedy.monitor import of_study
 from harness.study import run_file, trust_file
 from harness.study.report import report
@@ -18,6 +20,7 @@ from harness.study.report.sections import trust as section
 from harness.study.results import read
 from support.observers import CONTENT
 
+ROOT = Path(__file__).parents[2]
 PLACE = {"parameter": "cog_to_front_axle", "shift": ["0 %", "40 %"]}
 MONITOR = {"limits": {"lateral_velocity": "0.013 m/s"}, "false_alarms": 60, "window": "1 s", "within": "2 s", "runs": 8}
 CAR = {
@@ -170,3 +173,12 @@ def test_a_quick_look_counts_none(tmp_path):
     (tmp_path / "watched.toml").write_text(toml_text(CAR))
     assert load_study(tmp_path / "watched.toml").monitor is not None
     assert load_study(tmp_path / "watched.toml", quick=True).monitor is None
+
+
+def test_a_tuning_of_several_estimators_is_kept_for_the_one_that_is_judged():
+    study = load_study(ROOT / "studies" / "mass.toml")
+    (spec,) = (e for e in study.estimators if e.name == "EKF, tuned")
+    (alone,) = choices.applied(study, choices.Remedy(estimated=("trailer_mass",)), "EKF, tuned").estimators
+    assert alone.noise == spec.noise != {}
+    (bare,) = choices.applied(study, choices.Remedy(estimated=("trailer_mass",)), "EKF").estimators
+    assert bare.noise == {}

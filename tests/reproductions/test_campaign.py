@@ -228,8 +228,8 @@ def test_trust_monitors_are_told_by_factor_and_size(campaign, tmp_path: Path):
     trust_file.write(tmp_path / "mass", study, trust_file.StudyTrust(3.0, (watched,)))
     told = Results(tmp_path)
     assert trust.in_short(told) == (
-        "With UKF the lateral force axle 21 is wrong by more than 2 kN in this share of the samples, and its monitor "
-        "says so within 3 s in this share of these: trailer mass 8 t 47 %, said 40 %."
+        "UKF: samples in which the lateral force axle 21 is wrong by more than 2 kN, and share of these that its "
+        "monitor says within 3 s: trailer mass 8 t 47 %, of these 40 %."
     )
     _, sheet, figure = trust.blocks(told, tmp_path / "campaign")
     (row,) = sheet.rows

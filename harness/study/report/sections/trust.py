@@ -67,7 +67,8 @@ def figures(trust: StudyTrust) -> list[Block]:
     counted = [each for each in trust.estimators if each.targets]
     content: list[Block] = []
     for t, target in enumerate(counted[0].targets if counted else ()):
-        if any(each.targets[t].drawn for each in counted):
+        shown = [each for each in counted if each.targets[t].drawn]
+        if shown:
             caption = (
                 "Share of the samples in error that have more evidence against the belief than a bound, over the share "
                 "of those without error where all is as believed, for every bound (ROC); point: the bound of the "
@@ -75,7 +76,7 @@ def figures(trust: StudyTrust) -> list[Block]:
                 "not count here."
             )
             alt = f"Detection of errors of the {quantity(target.target).words} over false alarms"
-            content.append(Drawing(partial(_draw, counted, t), caption, alt))
+            content.append(Drawing(partial(_draw, shown, t), caption, alt))
     return content
 
 
@@ -98,7 +99,9 @@ def _draw(counted: Sequence[EstimatorTrust], t: int) -> bytes:
             for n in names
         ]
         target = counted[0].targets[t]
-        style.head(fig, f"Do the innovations show that {beyond(target.target, target.limit)}?", handles)
+        limit = limit_of(target.target, target.limit)
+        question = f"Do the innovations show that {beyond(target.target, target.limit)}?"
+        style.head(fig, question.replace(limit, limit.replace(" ", "\N{NO-BREAK SPACE}")), handles)
         return style.svg(fig)
 
 
