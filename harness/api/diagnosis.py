@@ -90,16 +90,26 @@ class Diagnosis(Shown):
         self.repeats, self.jobs = repeats, jobs
         self._outcome: Outcome | TraceNumbers | None = None
 
-    def fit(self, model: Model, train: Any, test: Any, folder: str | Path | None = None, baseline: Any = ()) -> Self:
+    def fit(
+        self,
+        model: Model | None,
+        train: Any,
+        test: Any,
+        folder: str | Path | None = None,
+        baseline: Any = (),
+        after: str | Path | None = None,
+    ) -> Self:
         """Find what the model lacks, or what has changed since earlier recordings of the vehicle.
 
         Args:
             model: The nominal model. Sensors and step are those of the recordings where they are not stated, and it is
-                integrated finely.
+                integrated finely. ``None`` is that of the trace ``after``.
             train: Recordings to fit: paths, DataFrames or Datasets, see ``harness.read_recording``.
             test: Held-out recordings, on which every addition has to prove itself.
             baseline: Earlier recordings of the vehicle, two or more: the model and its discrepancy are learnt from
                 them, and what is sought is the difference.
+            after: Folder of an earlier trace behind which drives were planned (``harness.next_drive``). Its recordings
+                are added to those that are stated, and the answer says whether what was expected came true.
             folder: Where ``trace.json`` and both models are written as soon as there is a verdict; nowhere by default.
 
         Returns:
@@ -111,11 +121,23 @@ class Diagnosis(Shown):
         """
         from rich.console import Console
 
+        from harness.common.errors import UserError
+        from harness.diagnosis.earlier_trace import EarlierTrace, with_absolute_paths
         from harness.diagnosis.run import TraceTask, run_trace
         from harness.identification.data import refuse_the_same, step_of
         from harness.identification.measured_file import finely, fitted_parameters
 
         fitted, held_out = recordings_of(train, "train"), recordings_of(test, "test")
+        before = None if after is None else EarlierTrace.read(Path(after))
+        if before is not None:
+            if len(baseline):
+                raise UserError("after: what planned drives told is not sought together with changes since a baseline")
+            stated = [*fitted, *held_out]
+            fitted = [*before.recordings("train", stated), *fitted]
+            held_out = [*before.recordings("test", stated), *held_out]
+            model = Model(before.model) if model is None else model
+        if model is None:
+            raise UserError("model: give the nominal model; only with after it is that of the earlier trace")
         earlier = recordings_of(baseline, "baseline") if len(baseline) else []
         refuse_the_same([*fitted, *earlier], held_out)
         refuse_the_same(earlier, fitted, "train", "in the baseline")
@@ -123,11 +145,11 @@ class Diagnosis(Shown):
             refuse_the_same(earlier[:i], [recording], "baseline", "in the baseline")
         table, notes = model.completed([*fitted, *held_out, *earlier])
         spec = finely(table, step_of(fitted[0]), f"model '{model.vehicle}'")
-        free = fitted_parameters(spec, self.free, "free")
+        free = fitted_parameters(spec, self.free or (before.free if before else ()), "free")
         task = TraceTask(
             spec, fitted, held_out, free, self.estimators, self.study, self.repeats, jobs=self.jobs, notes=notes
         )
-        task = replace(task, baseline=tuple(earlier))
+        task = replace(task, baseline=tuple(earlier), stated=with_absolute_paths(table), after=before)
         if folder is None:
             self._scratch = tempfile.TemporaryDirectory(prefix="diagnosis-")  # tracebacks, and scores of the study
         where = Path(self._scratch.name if folder is None else folder)

@@ -215,7 +215,7 @@ class MeasuredOptions:
                 "--out": self.out,
                 **self.needed,
             }
-            if missing := [option for option, given in lacking.items() if not given]:
+            if missing := [option for option, given in lacking.items() if not given and option not in self.implied]:
                 raise UserError(f"{command} a file of measured drives, or give {', '.join(missing)}")
             return None
         bare = type(self)(file=self.file, model=MaybeModelOptions(), out=self.out, jobs=self.jobs)
@@ -234,3 +234,8 @@ class MeasuredOptions:
     def needed(self) -> dict[str, Any]:
         """What is needed further without a file, by its option."""
         return {}
+
+    @property
+    def implied(self) -> tuple[str, ...]:
+        """Options that need not be given without a file either."""
+        return ()

@@ -259,11 +259,24 @@ class TraceOptions(MeasuredOptions):
         list[Path] | None,
         typer.Option("--baseline", help="Earlier recording of the vehicle; two or more: what changed since?"),
     ] = None
+    after: Annotated[
+        Path | None,
+        typer.Option(
+            "--after",
+            metavar="RESULT",
+            help="Trace behind which drives were planned: its model and recordings and these; did they tell as much?",
+        ),
+    ] = None
 
     @property
     def needed(self) -> dict[str, Any]:
         """What is needed further without a file, by its option."""
         return {"--test": self.test}
+
+    @property
+    def implied(self) -> tuple[str, ...]:
+        """Options that an earlier trace states."""
+        return () if self.after is None else ("--model", "--out")
 
 
 @takes(TraceOptions)
@@ -273,21 +286,24 @@ def trace(task: TraceOptions) -> None:
     Takes a file of measured drives, such as studies/loops/genesis.toml, or a model and recordings. Parameters to fit
     are the cornering stiffnesses if none are named. Writes trace.json, the nominal and the amended model as parameter
     files, and a report; of a file also loop.json, each held-out drive with the published, refitted and amended model.
+    With --after the drives that were planned behind an earlier trace are traced together with its own.
     """
     from harness.api.diagnosis import Diagnosis
 
     if (of_file := task.of_file("trace")) is not None:
         _trace_file(*of_file, task.jobs)
         return
-    assert task.out is not None
+    out = task.out or (task.after / "after" if task.after is not None else None)
+    assert out is not None
     study = None if task.study is None else study_path(task.study)
     estimators = None if task.estimators is None else listed(task.estimators)
     diagnosis = Diagnosis(listed(task.free or []), estimators, study, task.repeats, task.jobs)
     train, test = task.drives()
     baseline = task.read(task.baseline or [])
-    diagnosis.fit(model_of(task.model), train, test, task.out, baseline)
+    model = model_of(task.model) if task.model.vehicle or task.after is None else None
+    diagnosis.fit(model, train, test, out, baseline, task.after)
     with showing(Console(stderr=True), "writing the report"):
-        written = diagnosis.report(task.out, command())
+        written = diagnosis.report(out, command())
     printed(diagnosis.answer_, written)
     _next(written)
 

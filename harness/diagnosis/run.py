@@ -8,10 +8,11 @@ from __future__ import annotations
 import math
 import re
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -26,12 +27,14 @@ from harness.common.places import inside
 from harness.common.stages import bar
 from harness.config import ModelSpec
 from harness.diagnosis.criteria import ROUNDS
+from harness.diagnosis.earlier_trace import EarlierTrace, record_of_recordings
 from harness.diagnosis.fitting import KeptFits
 from harness.diagnosis.gain_ranges import gain_ranges
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import random_processes
 from harness.diagnosis.result.changes import since
 from harness.diagnosis.result.estimator_gain import EstimatorErrors, compile_estimators, estimators_on
+from harness.diagnosis.result.expectation import expectation_met
 from harness.diagnosis.result.outcome import Outcome, outcome_of
 from harness.diagnosis.result.record import write_outcome
 from harness.diagnosis.result.study_gain import REPEATS, StudyGain, refuse_study, study_gain
@@ -167,6 +170,8 @@ class TraceTask:
         jobs: Threads; all cores by default.
         notes: What else the report has to say about the recordings.
         baseline: Earlier recordings of the same vehicle, two or more: what is sought is what changed since.
+        stated: Keys of the nominal model, so that it can be traced again.
+        after: Trace behind which drives of these were planned.
     """
 
     spec: ModelSpec
@@ -182,6 +187,14 @@ class TraceTask:
     jobs: int | None = None
     notes: tuple[str, ...] = ()
     baseline: tuple[xr.Dataset, ...] = ()
+    stated: Mapping[str, Any] = field(default_factory=dict)
+    after: EarlierTrace | None = None
+
+    @property
+    def asked(self) -> dict[str, Any]:
+        """What ``EarlierTrace`` reads of it."""
+        train, test = (record_of_recordings(recordings) for recordings in (self.train, self.test))
+        return {"model": dict(self.stated), "free": list(self.free), "train": train, "test": test}
 
     @property
     def recordings(self) -> list[xr.Dataset]:
@@ -222,7 +235,8 @@ def run_trace(task: TraceTask, folder: Path, console: Console, augmented: Augmen
         with threadpool_limits(1), progress(console) as say:
             augmented = (augmented or augmented_model_of(task)).within(gain_ranges(recordings))
             outcome = _since(task, augmented, say, failures, kept) if task.baseline else None
-            outcome = replace(outcome or _searched(task, augmented, say, failures, kept), notes=notes)
+            outcome = outcome or _searched(task, augmented, say, failures, kept)
+            outcome = _with_expectation(replace(outcome, notes=notes, asked=task.asked), task.after)
             write_outcome(outcome, folder)
             _compile(task, outcome, say)
             for kind in task.estimators:
@@ -241,6 +255,18 @@ def run_trace(task: TraceTask, folder: Path, console: Console, augmented: Augmen
         raise
     kept.remove()
     return outcome
+
+
+def _with_expectation(outcome: Outcome, earlier: EarlierTrace | None) -> Outcome:
+    """Return an outcome whose answer says whether what was expected of planned drives came true."""
+    if earlier is None:
+        return outcome
+    met = outcome.failures.attempt(
+        "the comparison with what was expected",
+        lambda: expectation_met(earlier.content, earlier.plan, outcome.posterior),
+        lambda _: None,
+    )
+    return outcome if met is None else replace(outcome, expectation=met, answer=f"{outcome.answer} {met.words}")
 
 
 def _searched(

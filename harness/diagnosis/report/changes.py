@@ -1,4 +1,4 @@
-"""Sections on what changed since a baseline, and on how wrong a model is anyway."""
+"""Sections on what changed since a baseline, on what planned drives told, and on how wrong a model is anyway."""
 
 from __future__ import annotations
 
@@ -42,6 +42,27 @@ def since(outcome: Outcome) -> list[Block]:
     text += f", and it showed {listed(learnt)}." if learnt else "."
     text += " None of that is claimed; it is what the drives since are compared with."
     return [*blocks, Prose(plain(text))]
+
+
+def expectation(outcome: Outcome) -> list[Block]:
+    """Return what was expected of planned drives against what came; nothing where none were planned."""
+    met = outcome.expectation
+    if met is None:
+        return []
+    rows = [
+        [
+            r.rival,
+            f"{style.number(r.expected)} ± {style.number(r.deviation)}",
+            style.number(r.realised),
+            style.number(r.z),
+        ]
+        for r in met.ratios
+    ]
+    caption = (
+        f"Log likelihood ratio of {met.leading} to each model that it was to be told from, by the drives since: "
+        "expected if it is right, with the standard deviation, realised, and by how many of these that differs."
+    )
+    return [Prose(plain(met.words)), Sheet(["rival", "expected", "realised", "z"], rows, caption, left=1)]
 
 
 def discrepancy(outcome: Outcome) -> list[Block]:

@@ -8,7 +8,8 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -34,6 +35,7 @@ from harness.diagnosis.result.claims import (
 )
 from harness.diagnosis.result.confounded import Direction, confounded
 from harness.diagnosis.result.estimator_gain import EstimatorErrors, fitted_model
+from harness.diagnosis.result.expectation import ExpectationMet
 from harness.diagnosis.result.study_gain import StudyGain
 from harness.diagnosis.selection.acceptance import ends_at_bound
 from harness.diagnosis.selection.baseline import Baseline
@@ -102,6 +104,8 @@ class Outcome:
         confounded: Directions in which the drives do not tell what was added or refitted from something else.
         baseline: The vehicle as earlier drives showed it, if there are any; then everything added is a change since.
         changes: What changed since, parameter by parameter.
+        asked: Model, parameters and recordings, so that the same can be traced again with further ones.
+        expectation: What was expected of planned drives against what came, where they are among these.
     """
 
     trace: Trace
@@ -121,6 +125,8 @@ class Outcome:
     confounded: tuple[Direction, ...] = ()
     baseline: Baseline | None = None
     changes: tuple[Change, ...] = ()
+    asked: Mapping[str, Any] = field(default_factory=dict)
+    expectation: ExpectationMet | None = None
 
     @property
     def cautions(self) -> tuple[str, ...]:

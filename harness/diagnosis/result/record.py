@@ -22,6 +22,7 @@ from harness.diagnosis.residuals.unmodelled import UnmodelledDisturbance
 from harness.diagnosis.result.answer import described
 from harness.diagnosis.result.changes import record_of_changes, sizes_of
 from harness.diagnosis.result.confounded import Direction
+from harness.diagnosis.result.expectation import record_of_expectation
 from harness.diagnosis.result.mixture import study_of
 from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.result.posterior_record import ESTIMATE, record_of_confusable, record_of_posterior
@@ -73,6 +74,8 @@ def _search(outcome: Outcome) -> dict[str, Callable[[], Any]]:
         "measured_ranges": lambda: _measured_ranges(trace.fitting.augmented),
         "discrepancy": lambda: _discrepancy(outcome),
         "baseline": lambda: record_of_changes(outcome),
+        "asked": lambda: dict(outcome.asked),
+        "after": lambda: record_of_expectation(outcome.expectation),
         "unnamed": lambda: unmodelled_record(outcome.localisation.unmodelled),
         "rounds": lambda: [_round(r, outputs) for r in trace.rounds],
         "posterior": lambda: record_of_posterior(outcome.posterior),

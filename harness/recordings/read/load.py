@@ -27,6 +27,7 @@ from harness.recordings.read.channels import Raw, collect, plain_map, to_referen
 from harness.recordings.read.clock import Clock
 from harness.recordings.read.file_units import with_file_units
 from harness.recordings.read.in_memory import name_of, tables_of
+from harness.recordings.read.origin import origin_of
 from harness.recordings.read.resample import first_order_lag, onto_grid, updated_on_grid
 from harness.recordings.read.span import named_parts, part_of
 
@@ -63,9 +64,9 @@ def load_recording(
         new samples came), ``channel``, ``held``, ``gaps``, ``longest_gap`` (s), ``missing`` (rows),
         ``missing_share``, ``spikes``, ``delay`` and ``delay_std`` (s), ``point``, ``includes_gravity``. Where not every
         sample was measured, the coordinate ``updated_<signal>`` says which were; the others are joined. Attributes of
-        the dataset: ``title``, ``source``, ``file``, ``reference``, ``start`` (first stamp in s), ``warnings`` (list of
-        sentences), ``name``, of a part ``span`` (begin and end in s), and where the format says when its clock was zero
-        ``begun`` (s since 1970).
+        the dataset: ``title``, ``source``, ``file``, ``origin`` (how it was read, as JSON text), ``reference``,
+        ``start`` (first stamp in s), ``warnings`` (list of sentences), ``name``, of a part ``span`` (begin and end in
+        s), and where the format says when its clock was zero ``begun`` (s since 1970).
 
     Raises:
         UserError: If source or map cannot be read, or do not fit each other; with file, key or column, and remedy.
@@ -79,7 +80,8 @@ def load_recording(
     recording = recording_of(_tables(file, mapping, databases), os.fspath(file), mapping, step)
     if span is not None:
         recording = part_of(recording, span, os.fspath(source))
-    return recording.assign_attrs(name=name or Path(source).name.split(".")[0])
+    origin = origin_of(source, file, channels, step, databases)
+    return recording.assign_attrs(name=name or Path(source).name.split(".")[0], **origin)
 
 
 def _tables(file: Path, mapping: ChannelMap | None, databases: Sequence[str]) -> list[readers.Table]:

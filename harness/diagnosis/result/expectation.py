@@ -1,0 +1,184 @@
+"""Planned drives once they are driven: what was expected of the models that they were to tell apart, and what came."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from harness.diagnosis.selection.posterior import ComparedModel, Posterior
+from harness.models.quantities import listed, words
+from harness.reporting.style import number, probability
+
+STANDS = 0.95
+"""Probability from which a name stands."""
+
+_USUAL = 2.0
+"""Standard deviations within which a ratio is as expected."""
+
+
+@dataclass(frozen=True)
+class LogRatio:
+    """Log likelihood ratio of the leading model to a rival, by the drives since the plan.
+
+    Attributes:
+        rival: Its name.
+        expected: Mean, if the leading model is right.
+        deviation: Standard deviation then.
+        realised: What came; infinite where the rival is out of the question.
+    """
+
+    rival: str
+    expected: float
+    deviation: float
+    realised: float
+
+    @property
+    def z(self) -> float:
+        """How many standard deviations it is above its expectation; NaN where nothing was expected."""
+        return (self.realised - self.expected) / self.deviation if self.deviation > 0.0 else math.nan
+
+
+@dataclass(frozen=True)
+class ExpectationMet:
+    """What was expected against what came.
+
+    Attributes:
+        leading: Of the models that were to be told apart the one that is now the likeliest.
+        before: Its probability within the set when the drives were planned.
+        expected: Its probability behind them, if it is right.
+        realised: Its probability now.
+        expected_to_stand: Probability that one name stands with 95 %.
+        ratios: Of it to each other.
+        likeliest: Name of the likeliest model of all, where it is not in the set.
+        none: Probability that none is right, before and now.
+    """
+
+    leading: str
+    before: float
+    expected: float
+    realised: float
+    expected_to_stand: float
+    ratios: tuple[LogRatio, ...]
+    likeliest: str | None
+    none: tuple[float, float]
+
+    @property
+    def stands(self) -> bool:
+        """Whether its name stands."""
+        return self.realised >= STANDS and self.likeliest is None
+
+    @property
+    def verdict(self) -> str:
+        """``as expected``, ``less`` or ``more`` than that, or ``another model``."""
+        z = [r.z for r in self.ratios if math.isfinite(r.realised)]
+        if self.likeliest is not None:
+            return "another model"
+        if any(value < -_USUAL for value in z):
+            return "less"
+        return "more" if any(value > _USUAL for value in z) else "as expected"
+
+    @property
+    def words(self) -> str:
+        """The same in sentences."""
+        told = {
+            "as expected": "The planned drives told what was expected",
+            "less": "The planned drives told less than was expected",
+            "more": "The planned drives told more than was expected",
+            "another model": f"The planned drives were to tell others apart than {self.likeliest}, the likeliest now",
+        }[self.verdict]
+        ratios = listed([
+            f"{number(r.realised)} against {r.rival} ({number(r.expected)} ± {number(r.deviation)})"
+            if math.isfinite(r.realised) else f"beyond doubt against {r.rival} ({number(r.expected)})"
+            for r in self.ratios
+        ])  # fmt: skip
+        return (
+            f"{told}: {self.leading} has a probability of {probability(self.realised)} within the set (expected "
+            f"{probability(self.expected)}, before {probability(self.before)}), with log likelihood ratios of {ratios}."
+        )
+
+
+def expectation_met(
+    earlier: Mapping[str, Any], plan: Mapping[str, Any], posterior: Posterior | None
+) -> ExpectationMet | None:
+    """Return what was expected of planned drives against what came; nothing without probabilities.
+
+    Args:
+        earlier: ``trace.json`` behind which they were planned.
+        plan: ``next_drive.json``.
+        posterior: Of the trace with them.
+    """
+    if posterior is None:
+        return None
+    expected = plan["expected"]["models"]
+    names, rows = list(expected), list(expected.values())
+    old = sorted(earlier["confusable"]["models"], key=lambda m: -m["share"])[: len(names)]
+    before = [_density(earlier["posterior"]["models"], m["added"]) for m in old]
+    models = [_matching(posterior.models, m["added"]) for m in old]
+    shares = [0.0 if m is None else m.share for m in models]
+    leading = max(range(len(names)), key=shares.__getitem__)
+    first = posterior.models[0]
+    now = [-math.inf if m is None else m.difference.value for m in models]
+    ratios = tuple(
+        LogRatio(
+            names[j],
+            0.5 * rows[leading]["d2"][j],
+            math.sqrt(rows[leading]["d2"][j]),
+            (now[leading] - now[j]) - (before[leading] - before[j]) if math.isfinite(now[j]) else math.inf,
+        )
+        for j in range(len(names))
+        if j != leading
+    )
+    return ExpectationMet(
+        names[leading],
+        float(rows[leading]["share"]),
+        float(rows[leading]["expected"]),
+        shares[leading] / sum(shares) if sum(shares) > 0.0 else 0.0,
+        float(plan["expected"]["stands"]),
+        ratios,
+        None if any(m is first for m in models) else named(first),
+        (float(earlier["posterior"]["none_of_these"]), posterior.none),
+    )
+
+
+def _density(models: Sequence[Mapping[str, Any]], added: Any) -> float:
+    """Return the log density of the held-out drives of a model of ``trace.json``, less that of the likeliest."""
+    value = next(m["difference"]["value"] for m in models if m["added"] == added)
+    return -math.inf if value is None else float(value)
+
+
+def _matching(models: Sequence[ComparedModel], added: Sequence[Sequence[Mapping[str, str]]]) -> ComparedModel | None:
+    """Return the likeliest model that has what one of ``trace.json`` has; what was alike then may be told apart now."""
+    wanted = [{(h["name"], h["kind"]) for h in alike} for alike in added]
+
+    def matches(model: ComparedModel) -> bool:
+        there = [{(h.name, h.kind) for h in alike.hypotheses} for alike in model.added]
+        return len(there) == len(wanted) and all(any(w & t for t in there) for w in wanted)
+
+    return max((m for m in models if matches(m)), key=lambda m: m.share, default=None)
+
+
+def named(model: ComparedModel) -> str:
+    """Return what a model has beyond the nominal one, in words."""
+    names = [words(alike.hypotheses[0].name.replace("@", " ")) for alike in model.added]
+    return " and ".join(names) or "nothing added"
+
+
+def record_of_expectation(met: ExpectationMet | None) -> dict[str, Any] | None:
+    """Return the content of ``after`` in ``trace.json``."""
+    if met is None:
+        return None
+    return {
+        "verdict": met.verdict,
+        "words": met.words,
+        "leading": met.leading,
+        "probability": {"before": met.before, "expected": met.expected, "realised": met.realised},
+        "stands": {"expected": met.expected_to_stand, "realised": met.stands},
+        "likeliest": met.leading if met.likeliest is None else met.likeliest,
+        "none_of_these": dict(zip(("before", "now"), met.none, strict=True)),
+        "log_likelihood_ratios": [
+            {"rival": r.rival, "expected": r.expected, "deviation": r.deviation, "realised": r.realised, "z": r.z}
+            for r in met.ratios
+        ],
+    }
