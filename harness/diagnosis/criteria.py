@@ -110,6 +110,9 @@ PRIORS = Priors(
 HORIZONS = (0.0, 0.1, 1.0, 10.0, math.inf)
 """s; one sample, then decades from what sensors and steering do to what a manoeuvre does, and the whole drive."""
 
+CALM = 0.3
+"""m/s^2; lateral acceleration that a road with a cross slope of 3 % has without any steering."""
+
 BLOCK = 5.0
 """s; longer than what is left of a manoeuvre in the next one, and short enough for two dozen blocks in 120 s."""
 

@@ -26,7 +26,7 @@ from harness.common.failures import Failures
 from harness.common.places import inside
 from harness.common.stages import bar
 from harness.config import ModelSpec
-from harness.diagnosis.criteria import ROUNDS
+from harness.diagnosis.criteria import CALM, ROUNDS
 from harness.diagnosis.earlier_trace import EarlierTrace, record_of_recordings
 from harness.diagnosis.fitting import KeptFits
 from harness.diagnosis.gain_ranges import gain_ranges
@@ -107,9 +107,6 @@ def progress(console: Console) -> Iterator[Callable[[str], None]]:
         task = progress_bar.add_task("compiling the library of effects", total=None)
         yield lambda what: progress_bar.update(task, description=stages.line(what))
 
-
-CALM = 0.3
-"""m/s^2; lateral acceleration that a road with a cross slope of 3 % has without any steering."""
 
 _LIVELY = "quick steering, a steady circle to either side and lane changes, two minutes or more"
 

@@ -67,6 +67,10 @@ class Goal(Protocol):
         """Duration of the shortest recording that is taken, in s."""
 
     @property
+    def lead_in(self) -> float:
+        """How long a manoeuvre of one steering motion is straight ahead before it, in s."""
+
+    @property
     def enough(self) -> float:
         """Value at which nothing is left to be driven for."""
 

@@ -25,6 +25,7 @@ from harness.config import ModelSpec
 from harness.config.parameter_set import load_set
 from harness.config.posterior import read_posterior
 from harness.experiment.contract import Evidence, ExpectedOutcome
+from harness.experiment.manoeuvres import LEAD_IN
 from harness.experiment.rehearsal import Rehearsed
 from harness.identification.coordinates import Coordinates
 from harness.identification.innovations import Innovations
@@ -150,7 +151,7 @@ class EstimationGoal:
     """
 
     recorded = turns = 1
-    shortest = 0.0
+    shortest, lead_in = 0.0, LEAD_IN
     enough = -math.inf
     measure = "the relative standard error, of several parameters their mean as the criterion takes it"
 

@@ -22,7 +22,7 @@ _LEAST = 0.1
 _BEYOND = 1.5
 """Kinematic lateral acceleration over its limit up to which angles are tried: a vehicle that understeers does less."""
 
-_LEAD_IN = 1.0
+LEAD_IN = 1.0
 """s straight ahead before the steering begins."""
 
 
@@ -36,6 +36,7 @@ class SearchRange:
         ratio: Steering-wheel angle over road-wheel angle.
         short: Duration of a manoeuvre of one steering motion in s.
         shortest: Of the shortest drive in s; the limits then refuse it where the road is too short.
+        lead_in: How long a manoeuvre of one steering motion is straight ahead before it, in s.
     """
 
     limits: Limits
@@ -43,12 +44,13 @@ class SearchRange:
     ratio: float
     short: float = 8.0
     shortest: float = SHORTEST_DRIVE
+    lead_in: float = LEAD_IN
 
     @classmethod
-    def of(cls, spec: ModelSpec, limits: Limits, shortest: float = 0.0) -> SearchRange:
-        """Return the room of a model, with the duration of the shortest recording that is taken."""
+    def of(cls, spec: ModelSpec, limits: Limits, shortest: float = 0.0, lead_in: float = LEAD_IN) -> SearchRange:
+        """Return the room of a model, with the shortest recording that is taken and what is left out of its begin."""
         least = max(cls.shortest, shortest)
-        return cls(limits, spec.wheelbase, spec.steering_ratio, max(cls.short, least), least)
+        return cls(limits, spec.wheelbase, spec.steering_ratio, max(cls.short, least), least, lead_in)
 
     def speed(self, share: float) -> float:
         """Return a speed between the limits in m/s."""
@@ -95,7 +97,8 @@ class Manoeuvre:
     def drive(self, point: Floats, room: SearchRange, name: str) -> DriveSpec:
         """Return the drive at a point ``(free,)`` of the unit cube."""
         options = {k: rounded(v) if isinstance(v, float) else v for k, v in self.options(point, room).items()}
-        options |= {"lead_in": _LEAD_IN, "lateral_acceleration_limit": 20.0}  # the limits are those of the simulation
+        options = {"lead_in": LEAD_IN, **options}
+        options |= {"lateral_acceleration_limit": 20.0}  # the limits are those of the simulation
         return single_drive({"name": name, "kind": self.kind, **options}, f"drive '{name}'")
 
 
@@ -127,7 +130,8 @@ def _ramp(p: Floats, room: SearchRange) -> Options:
 def _step(p: Floats, room: SearchRange) -> Options:
     speed, rise = room.speed(p[1]), between(0.15, 1.0, p[2])
     angle = room.angle(p[0], speed)
-    return {"speed": speed, "amplitude": angle, "rise_time": rise, "duration": min(room.short, room.duration(speed))}
+    return {"speed": speed, "amplitude": angle, "rise_time": rise, "duration": min(room.short, room.duration(speed)),
+            "lead_in": room.lead_in}  # fmt: skip
 
 
 def _sine(p: Floats, room: SearchRange) -> Options:
@@ -163,16 +167,18 @@ def _lane_change(p: Floats, room: SearchRange) -> Options:
     # Of an S-shaped path the largest lateral acceleration is 5.77 offset (speed / length)^2.
     change = speed * math.sqrt(5.77 * offset / (between(_LEAST, 1.0, p[0]) * room.limits.lateral_acceleration))
     change, stay = max(change, 8.0), between(5.0, 50.0, p[2])
-    duration = max(math.ceil(_LEAD_IN + (2.0 * change + stay) / speed + 2.0), room.short)
+    duration = max(math.ceil(room.lead_in + (2.0 * change + stay) / speed + 2.0), room.short)
     return {
-        "speed": speed, "offset": offset, "change": change, "back": change, "stay": stay, "duration": float(duration)
+        "speed": speed, "offset": offset, "change": change, "back": change, "stay": stay, "duration": float(duration),
+        "lead_in": room.lead_in,
     }  # fmt: skip
 
 
 def _dwell(p: Floats, room: SearchRange) -> Options:
     speed = room.speed(p[1])
     duration = min(room.short, room.duration(speed))
-    return {"speed": speed, "amplitude": room.angle(p[0], speed), "frequency": 0.7, "duration": duration}
+    return {"speed": speed, "amplitude": room.angle(p[0], speed), "frequency": 0.7, "duration": duration,
+            "lead_in": room.lead_in}  # fmt: skip
 
 
 MANOEUVRES: tuple[Manoeuvre, ...] = (

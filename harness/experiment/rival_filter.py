@@ -9,11 +9,12 @@ likeliest over the fitted drives, old and new.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from harness.common.arrays import Floats
+from harness.common.arrays import Floats, Mask
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.identification.coordinates import Coordinate
 from harness.identification.data import DriveData
@@ -104,33 +105,38 @@ class RivalFilter:
         """All parameters as fitted ``(np,)``."""
         return self.points[0].values[:, 0]
 
-    def over(self, model: AugmentedModel, data: DriveData, refitted: bool = True) -> Parabolas:
+    def over(
+        self, model: AugmentedModel, data: DriveData, begin: float = 0.0, refitted: bool = True
+    ) -> tuple[Parabolas, Parabolas]:
         """Return the squared whitened innovations over what another model leaves without noise.
 
-        They are those of linearisations where the parameters have taken up what they can.
+        They are those of linearisations where the parameters have taken up what they can: of the whole drive, and of
+        what counts where it judges.
 
         Args:
             model: The filter of both.
             data: What is left.
+            begin: s from which on it judges.
             refitted: Whether they take up anything: not where it is the model itself.
         """
-        cheap = np.argsort(self.cost, kind="stable")
-        parts = {int(cheap[0]): self._linearised(model, data, int(cheap[0]))}
-        least = self._reached(int(cheap[0]), *parts.values())[0]
-        for k in cheap[1:] if refitted else ():
+        judges = data.time >= begin
+        cheap = [int(k) for k in np.argsort(self.cost, kind="stable")]
+        parts: dict[int, tuple[_Parts, _Parts]] = {}
+        least = math.inf
+        for k in cheap if refitted else cheap[:1]:
             if self.cost[k] > _NEAR * least:  # by more noise it would lose more than it has to take up
                 break
-            parts[int(k)] = self._linearised(model, data, int(k))
-            least = min(least, self._reached(int(k), parts[int(k)])[0])
+            parts[k] = self._linearised(model, data, judges, k)
+            least = min(least, self._reached(k, parts[k][0])[0])
         for _ in range(_REFITS if refitted else 0):
-            reached = {k: self._reached(k, p) for k, p in parts.items()}
+            reached = {k: self._reached(k, whole) for k, (whole, _) in parts.items()}
             least = min(value for value, _ in reached.values())
             for k, (value, z) in reached.items():
                 if value <= _NEAR * least + 1.0:
-                    parts[k] = self._linearised(model, data, k, z)
-        first = parts[int(cheap[0])]  # of levels that are too dear: what it is with less noise
-        each = [parts.get(k) or first for k in range(len(self.points))]
-        return Parabolas(*(np.array(part) for part in zip(*each, strict=True)))
+                    parts[k] = self._linearised(model, data, judges, k, z)
+        first = parts[cheap[0]]  # of levels that are too dear: what it is with less noise
+        each = [parts.get(k, first) for k in range(len(self.points))]
+        return _together([whole for whole, _ in each]), _together([judged for _, judged in each])
 
     def _reached(self, level: int, parts: _Parts) -> tuple[float, Floats]:
         """Return what is left at a level, of the drives so far and of one more, and where its parameters are then."""
@@ -144,8 +150,10 @@ class RivalFilter:
         return np.array([np.clip(c.centre + d, c.lower, c.upper) - c.centre
                          for c, d in zip(self.coordinates, clipped, strict=True)])  # fmt: skip
 
-    def _linearised(self, model: AugmentedModel, data: DriveData, level: int, z: Floats | None = None) -> _Parts:
-        """Return the parabola of a linearisation at ``z``, of the fit by default; lost where the filter diverges."""
+    def _linearised(
+        self, model: AugmentedModel, data: DriveData, judges: Mask, level: int, z: Floats | None = None
+    ) -> tuple[_Parts, _Parts]:
+        """Return the parabolas of a linearisation at ``z``, of the fit by default; lost where the filter diverges."""
         n, values = len(self.coordinates), self.values.copy()
         z = np.zeros(n) if z is None else z
         for c, d in zip(self.coordinates, z, strict=True):
@@ -153,9 +161,21 @@ class RivalFilter:
         point = replace(self.points[level], values=values[:, None])
         run = model.run(data, point)
         if not math.isfinite(run.log_likelihood):
-            return LOST, np.zeros(n), np.zeros((n, n))
+            return ((LOST, np.zeros(n), np.zeros((n, n))),) * 2
         slopes = np.array([c.slope(c.centre + d) for c, d in zip(self.coordinates, z, strict=True)])
         directions = model.along([c.name for c in self.coordinates]) * slopes
-        tangent = model.sensitivities(data, point.values, directions, run).reshape(-1, len(slopes))
-        whitened = np.nan_to_num(run.whitened).ravel() - tangent @ z
-        return float(whitened @ whitened), tangent.T @ whitened, tangent.T @ tangent
+        tangents = model.sensitivities(data, point.values, directions, run)
+        whitened = np.nan_to_num(run.whitened)
+
+        def parabola(samples: Mask) -> _Parts:
+            tangent = tangents[samples].reshape(-1, n)
+            residual = whitened[samples].ravel() - tangent @ z
+            return float(residual @ residual), tangent.T @ residual, tangent.T @ tangent
+
+        return parabola(np.ones_like(judges)), parabola(judges)
+
+
+def _together(parts: Sequence[_Parts]) -> Parabolas:
+    """Return the parabolas of all levels."""
+    squares, slopes, information = zip(*parts, strict=True)
+    return Parabolas(np.array(squares), np.array(slopes), np.array(information))

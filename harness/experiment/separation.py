@@ -22,12 +22,14 @@ from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.files import read_text
 from harness.config import ModelSpec
+from harness.diagnosis.criteria import BLOCK, CALM
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.experiment.contract import Evidence, ExpectedOutcome
 from harness.experiment.information import fitted_spec
 from harness.experiment.rehearsal import Rehearsed
 from harness.experiment.rival_filter import Parabolas, RivalFilter
 from harness.identification.coordinates import Coordinate, parameter_coordinate
+from harness.identification.data import DriveData
 from harness.identification.filtered_model import Candidates
 from harness.identification.measured_file import SHORTEST
 from harness.identification.uncertainty import covariance_of
@@ -44,6 +46,9 @@ STANDS = 0.95
 _APART = 4.0
 """``d^2`` below which two models stay confusable: their likelihoods differ by a factor of seven in the mean."""
 
+_LIVELY = 1.2
+"""Factor on the lateral acceleration below which a trace refuses a recording, for what the vehicle does less."""
+
 _DRAWS = 2000
 _MOST = 4
 """Models of the set that are told apart, the likeliest; each is run over what each other leaves."""
@@ -59,7 +64,7 @@ class DrivesSoFar:
     Attributes:
         levels: Levels of the process noise: variances per step by state.
         fitted: s of driving that were fitted.
-        held_out: s of driving that judged.
+        held_out: s of driving that judged: a trace leaves out the first seconds of a drive.
     """
 
     levels: tuple[Mapping[str, float], ...]
@@ -175,7 +180,7 @@ class SeparationGoal:
 
     criterion = "T"
     turns = 2
-    shortest = SHORTEST
+    shortest, lead_in = SHORTEST, BLOCK
     enough = math.log(1e-3)
     measure = "a bound on the probability that a wrong model of the set is named"
 
@@ -253,16 +258,28 @@ class SeparationGoal:
     def evidence(self, drive: Rehearsed) -> Evidence:
         """Return, of each model over what each leaves, the parabolas of its squared innovations, and the seconds.
 
-        Shapes ``(m, m, levels)``, ``(m, m, levels, n)``, ``(m, m, levels, n, n)`` and ``()``, the right model first.
+        Shapes ``(2, m, m, levels)``, ``(2, m, m, levels, n)``, ``(2, m, m, levels, n, n)`` and ``(2,)``: of the whole
+        drive, and of what counts where it judges; the right model first. A trace refuses a calm drive, which so tells
+        nothing.
         """
         m, n = len(self.rivals), max(len(f.coordinates) for f in self.filters)
-        shape = m, m, len(self.filters[0].points)
+        shape = 2, m, m, len(self.filters[0].points)
         squares, slopes, information = np.zeros(shape), np.zeros((*shape, n)), np.zeros((*shape, n, n))
-        for i, data in enumerate(drive.data):
+        for i, data in enumerate(() if any(map(self._is_calm, drive.data)) else drive.data):
             for j, rival in enumerate(self.filters):
-                parts, k = rival.over(self.model, data, refitted=i != j), len(rival.coordinates)
-                squares[i, j], slopes[i, j, :, :k], information[i, j, :, :k, :k] = vars(parts).values()
-        return squares, slopes, information, np.array(drive.seconds)
+                k = len(rival.coordinates)
+                for part, parts in enumerate(rival.over(self.model, data, BLOCK, refitted=i != j)):
+                    squares[part, i, j] = parts.squares
+                    slopes[part, i, j, :, :k] = parts.slope
+                    information[part, i, j, :, :k, :k] = parts.information
+        return squares, slopes, information, np.array([drive.seconds, drive.seconds - BLOCK])
+
+    def _is_calm(self, data: DriveData) -> bool:
+        """Whether a trace refuses a recording, or one of a vehicle that turns a little less."""
+        rates = [i for i, name in enumerate(self.model.nominal.outputs) if name.startswith("yaw_rate")]
+        speed = data.inputs[:, self.model.model.inputs.index("speed")]
+        turning = np.abs(data.measurements[:, rates[:1]] * speed[:, None])
+        return bool(rates) and float(np.quantile(turning, 0.95)) < _LIVELY * CALM
 
     def distances(self, evidence: Evidence | None) -> tuple[Floats, Floats]:
         """Return ``d^2`` of each right model against each rival, and what the rival's width costs it ``(m, m)``.
@@ -274,16 +291,23 @@ class SeparationGoal:
         distance, width = np.zeros((m, m)), np.zeros((m, m))
         if evidence is None:
             return distance, width
-        squares, slopes, information = (0.5 * part for part in evidence[:3])
+        squares, slopes, information, seconds = (0.5 * part for part in evidence)
         for i, right in enumerate(self.filters):
-            noise = 0.5 * float(evidence[3]) / self.drives.fitted * right.cost
+            noise = np.outer(seconds / self.drives.fitted, right.cost)
             for j, rival in enumerate(self.filters):
                 n = len(rival.coordinates)
-                new = Parabolas(squares[i, j] + noise, slopes[i, j, :, :n], information[i, j, :, :n, :n])
-                level, z = (rival.so_far + new).best()
+                fitted, judged = (
+                    Parabolas(
+                        squares[part, i, j] + noise[part],
+                        slopes[part, i, j, :, :n],
+                        information[part, i, j, :, :n, :n],
+                    )
+                    for part in (0, 1)
+                )
+                level, z = (rival.so_far + fitted).best()
                 before = rival.so_far.at(level, z) - rival.cheapest
-                distance[i, j] = new.at(level, z) + self.drives.held_out / self.drives.fitted * before
-                width[i, j] = 0.5 * _growth(new.information[level], rival.so_far.information[level])
+                distance[i, j] = judged.at(level, z) + self.drives.held_out / self.drives.fitted * before
+                width[i, j] = 0.5 * _growth(fitted.information[level], rival.so_far.information[level])
         distance = np.maximum(distance - np.diagonal(distance)[:, None], 0.0)
         return np.minimum(distance, self._emulations), width
 

@@ -29,6 +29,7 @@ from harness.config.specs import NOISE_SCALES
 from harness.experiment.contract import Evidence, ExpectedOutcome
 from harness.experiment.error_model import SquaredErrorModel, squared_error_model
 from harness.experiment.information import open_covariance
+from harness.experiment.manoeuvres import LEAD_IN
 from harness.experiment.rehearsal import Rehearsed
 from harness.identification.coordinates import Coordinates
 from harness.identification.filtered_model import Candidates
@@ -232,7 +233,7 @@ class StudyGoal:
 
     criterion = "L"
     recorded = turns = 1
-    shortest = 0.0
+    shortest, lead_in = 0.0, LEAD_IN
     measure = "the expected error over that of now, of several the root of the mean square"
 
     def __init__(self, studied: StudiedErrors, jobs: int = 1) -> None:

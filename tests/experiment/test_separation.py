@@ -82,7 +82,7 @@ def evidence(goal, name, point):
     spec = goal.model.spec
     (manoeuvre,) = chosen([name])
     drive = Rehearsal(goal.model, spec, goal.versions, goal.recorded, limits).of(
-        manoeuvre.drive(np.array(point), SearchRange.of(spec, limits), name)
+        manoeuvre.drive(np.array(point), SearchRange.of(spec, limits, goal.shortest, goal.lead_in), name)
     )
     assert not isinstance(drive, str), drive
     return goal.evidence(drive)

@@ -89,13 +89,14 @@ class ExpectationMet:
             "another model": f"The planned drives were to tell others apart than {self.likeliest}, the likeliest now",
         }[self.verdict]
         ratios = listed([
-            f"{number(r.realised)} against {r.rival} ({number(r.expected)} ± {number(r.deviation)})"
-            if math.isfinite(r.realised) else f"beyond doubt against {r.rival} ({number(r.expected)})"
+            f"{number(r.realised) if math.isfinite(r.realised) else 'so much that it is out of the question'} against "
+            f"{r.rival} (expected {number(r.expected)} ± {number(r.deviation)})"
             for r in self.ratios
         ])  # fmt: skip
         return (
             f"{told}: {self.leading} has a probability of {probability(self.realised)} within the set (expected "
-            f"{probability(self.expected)}, before {probability(self.before)}), with log likelihood ratios of {ratios}."
+            f"{probability(self.expected)}, before {probability(self.before)}); its log likelihood ratio grew by "
+            f"{ratios}."
         )
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from harness.common.arrays import Floats
 from harness.diagnosis.criteria import HORIZONS, MASS
 from harness.diagnosis.fitting import FittedHypothesis, Fitting
-from harness.diagnosis.selection.posterior import ComparedModel, Posterior
+from harness.diagnosis.selection.posterior import ComparedModel, Posterior, judging
 from harness.identification.data import DriveData
 
 ESTIMATE = ("name", "value", "standard_error")
@@ -112,13 +112,13 @@ def _noise_levels(fitting: Fitting, models: Sequence[FittedHypothesis]) -> Float
 
 
 def _record_of_levels(fitting: Fitting, held_out: Sequence[DriveData], fitted: FittedHypothesis, levels: Floats) -> Any:
-    """Return the levels as variances per step by state, and for how long was driven, in s."""
+    """Return the levels as variances per step by state, and for how long was driven and judged, in s."""
     states = fitting.augmented.spec.model().states
     variances = fitting.noise([replace(fitted.point, process=level) for level in levels]).process
     return {
         "levels": [dict(zip(states, column.tolist(), strict=True)) for column in variances.T],
         "fitted_seconds": sum(float(d.time[-1]) for d in fitting.drives),
-        "held_out_seconds": sum(float(d.time[-1]) for d in held_out),
+        "held_out_seconds": sum(judging(float(d.time[-1])) for d in held_out),
     }
 
 

@@ -26,7 +26,7 @@ from scipy.stats import chi2
 
 from harness.common.arrays import Floats
 from harness.common.statistics import Interval
-from harness.diagnosis.criteria import MASS, PRIORS
+from harness.diagnosis.criteria import BLOCK, MASS, PRIORS
 from harness.diagnosis.fitting import FittedHypothesis, block_sums
 from harness.diagnosis.innovations.prediction import Ahead
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
@@ -379,3 +379,8 @@ def by_block(densities: Sequence[Floats], drives: Sequence[DriveData], penalty: 
     each = [block_sums(d, drive.time[1:]) for d, drive in zip(densities, drives, strict=True)]
     stacked = np.concatenate([blocks[1:] if len(blocks) > 1 else blocks for blocks in each])
     return stacked - penalty / len(stacked)
+
+
+def judging(seconds: float) -> float:
+    """Return how long of a held-out drive counts, in s; its first block does not unless it is the only one."""
+    return seconds - BLOCK if seconds >= 2.0 * BLOCK else seconds
