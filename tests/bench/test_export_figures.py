@@ -4,7 +4,7 @@ import shutil
 
 import pytest
 
-from bench import export, export_tools
+from bench import export, export_tools, fmu_container
 from harness.common.errors import UserError, WorkError
 from support.observers import needs_compiler
 
@@ -80,3 +80,19 @@ def row_of_tools(out):
     """Return the cells behind the name of the first row."""
     (line,) = (line.split() for line in out.splitlines() if line.split()[:2] == ["steering", "narx"])
     return line[2:]
+
+
+@needs_compiler
+@pytest.mark.proof
+def test_fmus_run_in_the_container_of_another_importer(capsys, monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setenv("PATH", "")
+        with pytest.raises(UserError, match="not installed: fmutool, fmucontainer; pip install"):
+            fmu_container.main([])
+    if shutil.which("fmucontainer") is None:
+        pytest.skip("the FMU Manipulation Toolbox is not installed")
+    pytest.importorskip("fmpy", reason="FMPy is not installed")
+    fmu_container.main([])
+    out = capsys.readouterr().out
+    assert out.count("both comply") == 2
+    assert out.count("differs from a loop by 0 N and 0 N") == 2

@@ -164,6 +164,7 @@ MODULES: dict[str, Small | Begun | By] = {
     "bench.external": Small("--rounds 1", rf"two workers are {NUMBER} times as fast as one"),
     "bench.external_estimators": Small("--rounds 1", rf"overhead of C +{NUMBER}"),
     "bench.faults.child": By("bench/test_faults.py::test_a_study_that_was_struck_has_the_same_bits"),
+    "bench.fmu_container": By("bench/test_export_figures.py::test_fmus_run_in_the_container_of_another_importer"),
     "bench.floor": Begun("", "bench.floor.throughput.throughput", r"\(\)", "half a minute"),
     "bench.growth": By("bench/test_growth.py::test_a_point_is_measured_and_what_is_there_is_drawn"),
     "bench.house": Small("", rf"{NUMBER}  files\n", quick=True),

@@ -48,7 +48,13 @@ def contents(
         "estimator.toml": study_table(export, has_covariance),
         "Makefile": _filled("Makefile", export),
         "CMakeLists.txt": _filled("CMakeLists.txt", export),
-        "README.md": _filled("README.md", export, TRUST=_trust(export)),
+        "README.md": _filled(
+            "README.md",
+            export,
+            TRUST=_trust(export),
+            COLUMNS=_columns(export),
+            WATCHED="" if export.monitor is None else ", `trust`, `reasons`",
+        ),
     }
 
 
@@ -58,6 +64,14 @@ def _filled(template: str, export: Export, **more: str) -> str:
     for word, meaning in (words | more).items():
         text = text.replace(f"@{word}@", meaning)
     return text
+
+
+def _columns(export: Export) -> str:
+    """Return the rows of the table of what a CSV has to have."""
+    face = export.interface
+    rows = [f"| `{q.name}` | input; {q.says} |" for q in face.inputs]
+    rows += [f"| `{q.name}` | measurement, empty or nan where it is missing; {q.says} |" for q in face.measurements]
+    return "\n".join([*rows, f"| `time` | s, from sample to sample {export.step:g}; may be left out |"])
 
 
 def _trust(export: Export) -> str:

@@ -129,8 +129,12 @@ int main(int argc, char **argv) {
     bool outside = false;
     @NAME@_belief belief;
     FILE *file = path == NULL ? NULL : fopen(path, "r");
+    if (path != NULL && file == NULL) {
+        fprintf(stderr, "%s: cannot be read\n", path);
+        return 2;
+    }
     if (file == NULL || (count = read_line(file, path)) == 0) {
-        fprintf(stderr, "usage: %s [check] FILE.csv [TOLERANCE]; a file that can be read\n", argv[0]);
+        fprintf(stderr, "usage: %s [check] FILE.csv [TOLERANCE]; a file that is not empty\n", argv[0]);
         return 2;
     }
     for (int i = 0; i < GIVEN; i++) {
