@@ -7,6 +7,7 @@ import pytest
 
 from harness.common.errors import UserError
 from harness.config import resolve_single
+from harness.diagnosis.criteria import PRIORS
 from harness.diagnosis.fitting import Fitting, KeptFits, ParameterPoint, block_sums
 from harness.diagnosis.model.augmented_model import HeldParameters
 from harness.diagnosis.model.hypotheses import (
@@ -58,6 +59,7 @@ def test_a_change_is_the_difference_with_an_interval_that_holds_it(augmented, ba
     low, high = change.interval
     assert low < 1e-3 < high
     assert high - low < 1e-3
+    assert change.std > PRIORS.likeness * abs(change.now - change.before)  # the model is only like the vehicle
     assert "since the baseline" in outcome.answer.lower()
     # The filter whose noise was fitted holds the disturbance, so the written model does.
     for spec in (outcome.nominal, outcome.amended):

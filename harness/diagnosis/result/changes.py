@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from harness.diagnosis.criteria import EXCESS
+from harness.diagnosis.criteria import EXCESS, PRIORS
 from harness.diagnosis.fitting import ParameterPoint
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, called, random_processes
@@ -33,7 +33,12 @@ def changes_of(outcome: Outcome, baseline: Baseline) -> tuple[Change, ...]:
             v.unit,
             float(stated[augmented.row(v.name)]),
             v.value,
-            math.hypot(v.std, baseline.error_of(v.name), baseline.scatter_of(h, v.name, values)),
+            math.hypot(
+                v.std,
+                baseline.error_of(v.name),
+                baseline.scatter_of(h, v.name, values),
+                PRIORS.likeness * (v.value - float(stated[augmented.row(v.name)])),
+            ),
             v.name not in there,
         )
         for h in outcome.trace.added
