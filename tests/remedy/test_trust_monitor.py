@@ -9,6 +9,7 @@ from harness.engine.simd.lanes import LANES
 from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.remedy.monitor.bounds import calibrated, independent, peaks
 from harness.remedy.monitor.counts import area, counted, per_hour, roc
+from harness.remedy.monitor.report import per_second
 from harness.remedy.monitor.runs import WatchedRun
 from harness.runner.contract import Held, InputSeries
 from harness.runner.monitor import Watching, bounds_of
@@ -183,3 +184,9 @@ def test_the_area_of_two_normal_distributions_is_known():
     assert seen.lower > 0.5
     nothing = area(counts_of(0.0, False), counts_of(0.0, False), seed=1)
     assert np.isnan(nothing.value)
+
+
+def test_rates_have_a_unit_of_their_own():
+    assert [per_second(unit) for unit in ("m/s", "°/s", "m/s²", "rad", "°", "")] == [
+        "m/s²", "°/s²", "m/s³", "rad/s", "°/s", "1/s",
+    ]  # fmt: skip

@@ -12,7 +12,7 @@ from harness.remedy.monitor.of_study import trust_of
 from harness.remedy.monitor.outcome import Counted
 from harness.reporting.document import Block, Bullets, Listing, Prose, Report, Section, Sheet, plain, strong
 from harness.reporting.style import number, percent
-from harness.runner.monitor import REASONS
+from harness.runner.monitor import REASON_NAMES, REASONS
 from harness.study.report.sections.trust import figures, tables
 from harness.study.trust_file import BLIND, StudyTrust
 
@@ -71,7 +71,9 @@ def _reasons(counted: Counted) -> Sheet:
         )
     ]
     meanings = "; ".join(f"{bit}: {text.partition(':')[0]}" for bit, text in REASONS.items())
-    return Sheet(["design", "level", *map(str, REASONS)], rows, f"Share of the samples by reason. {meanings}.", left=2)
+    names = [name.lower().replace("nis", "NIS").replace("_", " ") for name in REASON_NAMES]
+    caption = f"Share of the samples by reason. Bits of the reasons: {meanings}."
+    return Sheet(["design", "level", *names], rows, caption, left=2)
 
 
 def _bounds(counted: Counted) -> list[Block]:
@@ -87,14 +89,15 @@ def _bounds(counted: Counted) -> list[Block]:
         f"{calibration.alarms} alarms exceed in the {number(calibration.hours)} h of the runs as believed that keep "
         f"the limits, for {number(counted.asked.per_hour)} an hour that are allowed."
     )
-    groups = (("", monitor.inputs, ""), ("rate of ", monitor.rates, "/s"), ("measured ", monitor.measurements, ""),
-              ("estimated ", monitor.estimates, ""))  # fmt: skip
+    groups = (("", monitor.inputs), ("rate of ", monitor.rates), ("measured ", monitor.measurements),
+              ("estimated ", monitor.estimates))  # fmt: skip
     ranges = []
-    for before, group, behind in groups:
+    for before, group in groups:
         for name, (low, high) in group.items():
-            unit = quantity(name)
+            shown = quantity(name)
+            unit = per_second(shown.unit) if group is monitor.rates else shown.unit
             ranges.append(
-                [f"{before}{words(name)}", number(low * unit.scale), number(high * unit.scale), unit.unit + behind]
+                [f"{before}{words(name)}", number(low * shown.scale), number(high * shown.scale), unit or "–"]
             )
     kept, lost = counted.drives
     never = f" None of {listed(lost)} does." if lost else ""
@@ -105,6 +108,14 @@ def _bounds(counted: Counted) -> list[Block]:
         Prose(plain(envelope)),
         Sheet(["signal", "from", "to", "unit"], ranges, "The envelope, noise of measurements included."),
     ]
+
+
+def per_second(unit: str) -> str:
+    """Write a printed unit over a second."""
+    for less, more in (("/s²", "/s³"), ("/s", "/s²")):
+        if unit.endswith(less):
+            return unit.removesuffix(less) + more
+    return f"{unit or '1'}/s"
 
 
 def _made(counted: Counted, command: str) -> list[Block]:
