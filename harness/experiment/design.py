@@ -17,6 +17,7 @@ from harness.experiment.contract import Evidence, Goal, total
 from harness.experiment.kept_drives import KeptDrives
 from harness.experiment.manoeuvres import Manoeuvre, SearchRange
 from harness.experiment.rehearsal import Rehearsal, Rehearsed
+from harness.models.contracts import Profile
 
 _FIRST = 8
 """Points of the unit cube that a search begins with."""
@@ -24,9 +25,22 @@ _FIRST = 8
 _EASED = 0.25
 """By how much of the way from the gentlest to the hardest a drive is eased that passes a limit."""
 
+_EASED_LITTLE = 0.01
+"""The same of a drive that may be like another one, which just keeps to the limits; each time twice as much."""
+
 _EASINGS = 5
 _REACH, _CLOSER = 0.25, 0.6
 """Standard deviation of the first steps about the best point, and by how much those of each later round are shorter."""
+
+_FARTHER, _NEARER = 1.2, 0.75
+"""The same of a drive of many free quantities: behind a round that has found a better one, and behind one that has not
+(as by the success rule of evolution strategies; Beyer and Schwefel 2002, doi 10.1023/A:1015059928466)."""
+
+_FEW = 4
+"""Free quantities up to which each is changed as far; of more all together are changed as far as of these."""
+
+_IMITATED = 4
+"""Drives of other manoeuvres, the best, that a free one begins with."""
 
 _BATCH = 4
 _BUDGET = "budget"
@@ -128,13 +142,13 @@ def design(
         for number, manoeuvre in enumerate(manoeuvres, 1):
             say(f"manoeuvre {number} of {len(manoeuvres)}: {manoeuvre.name}")
             search = _Search(goal, rehearsal, room, manoeuvre, budget, kept or KeptDrives())
-            search.run(effort, np.random.default_rng([seed, number]), lambda f, xs: list(threads.map(f, xs)))
+            models = [] if manoeuvre.like is None else [t.rehearsed.profile for t in _best(pool)[:_IMITATED]]
+            search.run(effort, np.random.default_rng([seed, number]), lambda f, xs: list(threads.map(f, xs)), models)
             pool += search.tried
             count += search.rehearsed
             if not search.tried:
                 refused[manoeuvre.name] = ", ".join(sorted(search.reasons))
-    best = (min((t for t in pool if t.manoeuvre == m), key=lambda t: t.rank, default=None) for m in manoeuvres)
-    ranked = tuple(sorted((t for t in best if t is not None), key=lambda t: t.rank))
+    ranked = tuple(_best(pool))
     sequence = greedy(goal, pool, budget)
     evidence = total([(t.evidence, times) for t, times in sequence]) if sequence else None
     value, seconds = goal.value(evidence), sum(t.duration * times for t, times in sequence)
@@ -142,6 +156,14 @@ def design(
         sequence = ((ranked[0], ranked[0].times),)
         evidence = total([(ranked[0].evidence, ranked[0].times)])
     return DrivePlan(ranked, sequence, evidence, goal.value(evidence), refused, count)
+
+
+def _best(pool: Sequence[TriedDrive]) -> list[TriedDrive]:
+    """Return the best drive of each manoeuvre, the best first."""
+    by_manoeuvre: dict[str, TriedDrive] = {}
+    for tried in sorted(pool, key=lambda t: t.rank):
+        by_manoeuvre.setdefault(tried.manoeuvre.name, tried)
+    return list(by_manoeuvre.values())
 
 
 def greedy(goal: Goal, pool: Sequence[TriedDrive], budget: float) -> tuple[tuple[TriedDrive, int], ...]:
@@ -197,17 +219,20 @@ class _Search:
         share: Callable[
             [Callable[[Floats], tuple[Floats, TriedDrive | str]], list[Floats]], list[tuple[Floats, TriedDrive | str]]
         ],
+        models: Sequence[Profile] = (),
     ) -> None:
-        """Try points of the unit cube, then points about the best so far, closer from round to round.
+        """Try drives like others, points of the unit cube, then points about the best, closer from round to round.
 
         Where the best settles all, it is tried once more as short as a recording may be.
         """
-        free = self.manoeuvre.free
-        cube = qmc.Sobol(free, rng=random).random(_FIRST)
-        points, reach, best = list(cube[:effort]), _REACH, None
+        free, like = self.manoeuvre.free, self.manoeuvre.like
+        first = [] if like is None else [like(profile, self.room) for profile in models]
+        cube = [*first, *qmc.Sobol(free, rng=random).random(_FIRST)[len(first) :]]
+        points, reach, best = cube[:effort], _REACH * min(1.0, math.sqrt(_FEW / free)), None
         spent = 0
         while points:
             spent += len(points)
+            before = None if best is None else best[0]
             for point, result in share(lambda p: self._at(p, self.room), points):
                 if isinstance(result, str):
                     self.reasons.add(result)
@@ -218,7 +243,7 @@ class _Search:
                 return
             count = min(_BATCH, effort - spent)
             points = [np.clip(best[0] + reach * random.standard_normal(free), 0.0, 1.0) for _ in range(count)]
-            reach *= _CLOSER
+            reach *= _CLOSER if like is None else _FARTHER if best[0] is not before else _NEARER
         if best is not None and math.isfinite(best[1][0]):
             shortest = replace(self.room, limits=replace(self.room.limits, duration=self.room.shortest))
             _, result = self._at(best[0], shortest)
@@ -227,6 +252,7 @@ class _Search:
     def _at(self, point: Floats, room: SearchRange) -> tuple[Floats, TriedDrive | str]:
         """Return the drive at a point, or at a gentler one where it passes a limit, or which it passes at last."""
         point = point.copy()
+        eased = _EASED if self.manoeuvre.like is None else _EASED_LITTLE
         reason = _BUDGET
         for _ in range(_EASINGS):
             self.rehearsed += 1
@@ -237,7 +263,8 @@ class _Search:
             reason = result
             if point[0] <= 0.0:
                 break
-            point[0] = max(0.0, point[0] - _EASED)
+            point[0] = max(0.0, point[0] - eased)
+            eased *= 1.0 if self.manoeuvre.like is None else 2.0
         return point, reason
 
     def _judged(self, drive: DriveSpec) -> TriedDrive | str:

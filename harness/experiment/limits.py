@@ -27,6 +27,8 @@ class Limits:
         lowest_speed: m/s.
         highest_speed: m/s.
         lateral_acceleration: Largest of any body's CoG in m/s^2.
+        longitudinal_acceleration: Largest magnitude, of braking too, in m/s^2.
+        friction: Largest acceleration in the plane of any body's CoG over that of gravity.
         steering_wheel_angle: Largest magnitude in rad.
         steering_rate: Largest magnitude in rad/s.
         articulation: Largest magnitude of the articulation angle in rad.
@@ -38,6 +40,8 @@ class Limits:
     lowest_speed: float = 5.0
     highest_speed: float = 20.0
     lateral_acceleration: float = 3.0
+    longitudinal_acceleration: float = 4.0
+    friction: float = np.inf
     steering_wheel_angle: float = np.pi
     steering_rate: float = 8.0
     articulation: float = 0.8
@@ -47,7 +51,8 @@ class Limits:
 
 
 UNITS = {
-    "lowest_speed": "m/s", "highest_speed": "m/s", "lateral_acceleration": "m/s^2", "steering_wheel_angle": "rad",
+    "lowest_speed": "m/s", "highest_speed": "m/s", "lateral_acceleration": "m/s^2",
+    "longitudinal_acceleration": "m/s^2", "friction": "", "steering_wheel_angle": "rad",
     "steering_rate": "rad/s", "articulation": "rad", "road_length": "m", "road_width": "m", "duration": "s",
 }  # fmt: skip
 """SI unit of each limit."""
@@ -55,6 +60,7 @@ UNITS = {
 SHORTEST_DRIVE = 5.0
 """s of a drive at least."""
 
+_GRAVITY = 9.81
 _EXIT = 1.0
 """s straight on behind a drive for which there has to be road: until then a driver has turned or braked."""
 
@@ -104,11 +110,13 @@ class PlannedMotion(NamedTuple):
             not say.
         lateral_acceleration: Of each body's CoG in m/s^2 ``(bodies, samples)``.
         articulation: rad ``(samples,)``; zero of one body.
+        longitudinal_acceleration: Of the speed that is driven, in m/s^2 ``(samples,)``.
     """
 
     paths: tuple[tuple[Floats, Floats], ...]
     lateral_acceleration: Floats
     articulation: Floats
+    longitudinal_acceleration: Floats
 
 
 def motion_of(model: StateSpaceModel, values: Mapping[str, Floats], time: Floats) -> PlannedMotion:
@@ -129,7 +137,8 @@ def motion_of(model: StateSpaceModel, values: Mapping[str, Floats], time: Floats
         x, y = (np.append(p, p[-1] + exit_steps * (p[-1] - p[-2])) for p in path_of((forward, lateral, rate), time))
         paths.append((x, y))
     articulation = values.get("articulation_angle", np.zeros(len(time)))
-    return PlannedMotion(tuple(paths), np.array(accelerations).reshape(-1, len(time)), articulation)
+    longitudinal = np.gradient(values["speed"], time)
+    return PlannedMotion(tuple(paths), np.array(accelerations).reshape(-1, len(time)), articulation, longitudinal)
 
 
 def passed_by_driver(profile: Profile, limits: Limits) -> str:
@@ -140,8 +149,10 @@ def passed_by_driver(profile: Profile, limits: Limits) -> str:
         (float(np.abs(np.diff(wheel)).max() / step), limits.steering_rate, "steering_rate"),
         (float(profile.speed.max()), limits.highest_speed, "highest_speed"),
         (limits.lowest_speed, float(profile.speed.min()), "lowest_speed"),
+        (float(np.abs(np.diff(profile.speed)).max() / step), limits.longitudinal_acceleration,
+         "longitudinal_acceleration"),
         (float(profile.time[-1]), limits.duration, "duration"),
-    ]
+    ]  # fmt: skip
     return _first(reached)
 
 
@@ -149,9 +160,11 @@ def passed_by_vehicle(motion: PlannedMotion, limits: Limits) -> str:
     """Return which limit of acceleration, articulation or road a motion passes; empty if none."""
     length = max((float(np.ptp(x)) for x, _ in motion.paths), default=0.0)
     width = float(np.ptp(np.concatenate([np.zeros(1), *(y for _, y in motion.paths)])))  # where all begin
+    in_plane = np.hypot(motion.lateral_acceleration, motion.longitudinal_acceleration)
     reached = [
         (float(np.abs(motion.lateral_acceleration).max(initial=0.0)), limits.lateral_acceleration,
          "lateral_acceleration"),
+        (float(in_plane.max(initial=0.0)) / _GRAVITY, limits.friction, "friction"),
         (float(np.abs(motion.articulation).max()), limits.articulation, "articulation"),
         (length, limits.road_length, "road_length"),
         (width, limits.road_width, "road_width"),

@@ -10,11 +10,15 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.registry import closest
 from harness.config import DriveSpec, ModelSpec, single_drive
 from harness.experiment.limits import SHORTEST_DRIVE, Limits
+from harness.models.contracts import Profile
+from harness.models.drives import spline
 
 _LEAST = 0.1
 """Share of what the limits allow at which the gentlest manoeuvre is driven."""
@@ -37,6 +41,7 @@ class SearchRange:
         short: Duration of a manoeuvre of one steering motion in s.
         shortest: Of the shortest drive in s; the limits then refuse it where the road is too short.
         lead_in: How long a manoeuvre of one steering motion is straight ahead before it, in s.
+        seed: Of what is random in a drive.
     """
 
     limits: Limits
@@ -45,12 +50,15 @@ class SearchRange:
     short: float = 8.0
     shortest: float = SHORTEST_DRIVE
     lead_in: float = LEAD_IN
+    seed: int = 0
 
     @classmethod
-    def of(cls, spec: ModelSpec, limits: Limits, shortest: float = 0.0, lead_in: float = LEAD_IN) -> SearchRange:
+    def of(
+        cls, spec: ModelSpec, limits: Limits, shortest: float = 0.0, lead_in: float = LEAD_IN, seed: int = 0
+    ) -> SearchRange:
         """Return the room of a model, with the shortest recording that is taken and what is left out of its begin."""
         least = max(cls.shortest, shortest)
-        return cls(limits, spec.wheelbase, spec.steering_ratio, max(cls.short, least), least, lead_in)
+        return cls(limits, spec.wheelbase, spec.steering_ratio, max(cls.short, least), least, lead_in, seed)
 
     def speed(self, share: float) -> float:
         """Return a speed between the limits in m/s."""
@@ -58,9 +66,15 @@ class SearchRange:
 
     def angle(self, share: float, speed: float) -> float:
         """Return a steering-wheel angle in rad, up to what the limits allow at a speed."""
+        return between(_LEAST, 1.0, share) * self._largest(speed)
+
+    def angle_share(self, angle: float, speed: float) -> float:
+        """Return the share of an angle that ``angle`` returns, from 0 to 1."""
+        return share_between(_LEAST, 1.0, angle / self._largest(speed))
+
+    def _largest(self, speed: float) -> float:
         curvature = _BEYOND * self.limits.lateral_acceleration / speed**2
-        largest = min(self.limits.steering_wheel_angle, self.ratio * math.atan(self.wheelbase * curvature))
-        return between(_LEAST, 1.0, share) * largest
+        return min(self.limits.steering_wheel_angle, self.ratio * math.atan(self.wheelbase * curvature))
 
     def duration(self, speed: float, ways_back: bool = False) -> float:
         """Return how long may be driven at a speed in s; the road is as long as it is where nothing turns back."""
@@ -71,6 +85,13 @@ class SearchRange:
 def between(low: float, high: float, share: float) -> float:
     """Return a positive number between two, evenly spread in its logarithm."""
     return low * (high / low) ** share
+
+
+def share_between(low: float, high: float, value: float) -> float:
+    """Return where a number lies between two as ``between`` takes it, from 0 to 1."""
+    if not low < high or not value > 0:
+        return 0.0
+    return min(max(math.log(value / low) / math.log(high / low), 0.0), 1.0)
 
 
 Options = dict[str, float | str]
@@ -86,6 +107,7 @@ class Manoeuvre:
         kind: File in ``models/drives``.
         free: Number of free quantities.
         options: From a point of the unit cube and the room to the options of the kind.
+        like: From a drive and the room to the point whose drive is most like it; none where it has a form of its own.
     """
 
     name: str
@@ -93,6 +115,7 @@ class Manoeuvre:
     kind: str
     free: int
     options: Callable[[Floats, SearchRange], Options]
+    like: Callable[[Profile, SearchRange], Floats] | None = None
 
     def drive(self, point: Floats, room: SearchRange, name: str) -> DriveSpec:
         """Return the drive at a point ``(free,)`` of the unit cube."""
@@ -158,7 +181,7 @@ def _random(p: Floats, room: SearchRange) -> Options:
     rise = between(0.2, 2.0, p[2])
     return {
         "speed": speed, "amplitude": room.angle(p[0], speed), "rise_time": rise, "longest_hold": 2.0 * rise,
-        "speed_variation": variation, "duration": room.duration(speed + variation),
+        "speed_variation": variation, "seed": 1 + room.seed, "duration": room.duration(speed + variation),
     }  # fmt: skip
 
 
@@ -181,6 +204,73 @@ def _dwell(p: Floats, room: SearchRange) -> Options:
             "lead_in": room.lead_in}  # fmt: skip
 
 
+def _brake(p: Floats, room: SearchRange) -> Options:
+    limits = room.limits
+    speed = max(room.speed(p[1]), min(1.5 * limits.lowest_speed, limits.highest_speed))
+    radius = max(speed**2 / (between(_LEAST, 1.0, p[0]) * limits.lateral_acceleration), 6.0)
+    final, deceleration = max(limits.lowest_speed, 0.4 * speed), 0.9 * limits.longitudinal_acceleration
+    deceleration = between(min(1.0, deceleration), deceleration, p[2])
+    seconds = room.lead_in + 3.0 + 1.5 + (speed - final) / deceleration + 2.0
+    return {
+        "speed": speed, "radius": radius, "deceleration": deceleration, "final_speed": final, "transition": 3.0,
+        "hold": 1.5, "duration": max(float(math.ceil(seconds)), room.shortest), "lead_in": room.lead_in,
+    }  # fmt: skip
+
+
+_STEERING, _SPEEDS = 12, 3
+"""Control points of a spline."""
+
+_FASTER = 1.4
+"""Largest speed of a spline over that at its start."""
+
+_CLOSEST, _WIDEST = 0.05, 2.5
+"""Shortest and longest time between control points in s."""
+
+_SPACINGS, _FINER = 200, 3
+"""Times between control points that are tried to imitate a drive, and how often more finely about the best."""
+
+_EVERY = 5
+"""Samples of it of which one is taken."""
+
+
+def _spline(p: Floats, room: SearchRange) -> Options:
+    speed = room.speed(p[1])
+    limits, (steering, speeds) = room.limits, np.split(p[3:], [_STEERING])
+    factors = [between(1.0 / _FASTER, _FASTER, float(share)) for share in speeds]
+    allowed = np.clip(factors, limits.lowest_speed / speed, limits.highest_speed / speed)
+    duration = room.duration(speed * max(1.0, float(allowed.max())))
+    return {
+        "speed": speed, "amplitude": room.angle(p[0], speed), "steering": _text(2.0 * steering - 1.0),
+        "spacing": between(_CLOSEST, _WIDEST, p[2]), "speeds": _text(allowed), "duration": duration,
+    }  # fmt: skip
+
+
+def _text(points: Floats) -> str:
+    return " ".join(f"{value:.3g}" for value in points)
+
+
+def _as_spline(profile: Profile, room: SearchRange) -> Floats:
+    """Return the spline that misses least of the steering of a drive, and the speed of that."""
+    speed, t, wheel = (a[::_EVERY] for a in (profile.speed, profile.time - LEAD_IN, profile.steering_wheel_angle))
+    low, high, largest = 0.0, 1.0, room.angle(1.0, float(speed[0]))
+    for _ in range(_FINER):  # many periods are in step only where the spacing is right
+        shares = np.linspace(low, high, _SPACINGS)
+        tables = [spline.weights(t / between(_CLOSEST, _WIDEST, float(share)), _STEERING) for share in shares]
+        solved = [np.clip(np.linalg.lstsq(table, wheel, rcond=None)[0], -largest, largest) for table in tables]
+        missed = [float(np.std(table @ points - wheel)) for table, points in zip(tables, solved, strict=True)]
+        best = int(np.argmin(missed))
+        low, high = shares[max(best - 1, 0)], shares[min(best + 1, _SPACINGS - 1)]
+    changes = np.linalg.lstsq(spline.weights(t * (_SPEEDS / t[-1]), _SPEEDS), speed / speed[0] - 1.0, rcond=None)
+    amplitude = float(np.abs(solved[best]).max())
+    return np.array([
+        room.angle_share(amplitude, speed[0]),
+        share_between(room.limits.lowest_speed, room.limits.highest_speed, speed[0]),
+        shares[best],
+        *(0.5 + 0.5 * solved[best] / max(amplitude, 1e-9)),
+        *(share_between(1.0 / _FASTER, _FASTER, 1.0 + float(c)) for c in changes[0]),
+    ])  # fmt: skip
+
+
 MANOEUVRES: tuple[Manoeuvre, ...] = (
     Manoeuvre("circle", "ISO 4138, constant speed and radius", "steady_circle", 2, _circle),
     Manoeuvre("speeding-circle", "ISO 4138, constant radius, rising speed", "steady_circle", 2, _speeding_circle),
@@ -191,6 +281,8 @@ MANOEUVRES: tuple[Manoeuvre, ...] = (
     Manoeuvre("random", "ISO 7401, random steering", "random_sequence", 4, _random),
     Manoeuvre("lane-change", "ISO 3888, double lane change", "lane_change", 3, _lane_change),
     Manoeuvre("dwell", "ISO 19365, sine with dwell", "sine_with_dwell", 2, _dwell),
+    Manoeuvre("brake", "ISO 7975, braking in a turn, steering held", "brake_in_turn", 3, _brake),
+    Manoeuvre("spline", "free steering and speed", "spline", 3 + _STEERING + _SPEEDS, _spline, _as_spline),
 )
 
 

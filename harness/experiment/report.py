@@ -172,7 +172,9 @@ _SHOWN = {"m/s": (3.6, "km/h"), "rad": (np.degrees(1.0), "°"), "rad/s": (np.deg
 _NARROW = 0.1
 """Width over length of a path below which its drawing stretches the width."""
 
-_NOT_SHOWN = ("lead_in", "lateral_acceleration_limit", "duration", "fade", "transition")
+_NOT_SHOWN = (
+    "lead_in", "lateral_acceleration_limit", "duration", "fade", "transition", "seed", "steering", "spacing", "speeds",
+)  # fmt: skip
 
 
 def _free(t: TriedDrive) -> str:

@@ -116,7 +116,7 @@ def design_drives(task: DesignTask, say: Callable[[str], None] = lambda _: None)
         )
     rehearsal = Rehearsal(goal.model, spec, goal.versions, goal.recorded, task.limits)
     jobs = task.jobs or os.cpu_count() or 1
-    room = SearchRange.of(spec, task.limits, goal.shortest, goal.lead_in)
+    room = SearchRange.of(spec, task.limits, goal.shortest, goal.lead_in, task.seed)
     kept = _kept(task, goal, manoeuvres)
     with threadpool_limits(1):  # threads of the linear algebra would wait for those of the drives
         plan = design(goal, rehearsal, room, manoeuvres, task.budget, task.effort, jobs, task.seed, say, kept)

@@ -59,12 +59,15 @@ def test_a_limit_that_is_none_is_refused(stated, said):
         ("lowest_speed", {"lowest_speed": 18.0}, {}),
         ("duration", {"duration": 6.0}, {}),
         ("lateral_acceleration", {"lateral_acceleration": 0.5}, {}),
+        ("longitudinal_acceleration", {"longitudinal_acceleration": 0.2}, {"kind": "step", "speed_change": -5.0}),
+        ("friction", {"friction": 0.1}, {}),
         ("road_length", {"road_length": 100.0}, {}),
         ("road_width", {"road_width": 1.0}, {}),
     ],
 )
 def test_a_drive_that_passes_a_limit_is_refused_by_its_name(car, passed, limits, options):
-    options = {"speed": 15.0, "amplitude": 0.5, "frequency": 0.3} | options
+    frequency = {} if "kind" in options else {"frequency": 0.3}
+    options = {"speed": 15.0, "amplitude": 0.5} | frequency | options
     kept = rehearsed(car, Limits(), **options)
     assert not isinstance(kept, str)
     assert np.isfinite(kept.data[0].measurements).all()
@@ -88,7 +91,7 @@ def test_the_road_reaches_straight_on_behind_the_end(car):
 
 def test_the_road_is_that_of_every_body():
     straight, bent = (np.array([0.0, 50.0]), np.zeros(2)), (np.array([0.0, 40.0]), np.array([0.0, -5.0]))
-    motion = PlannedMotion((straight, bent), np.zeros((2, 2)), np.zeros(2))
+    motion = PlannedMotion((straight, bent), np.zeros((2, 2)), np.zeros(2), np.zeros(2))
     assert passed_by_vehicle(motion, Limits(road_width=6.0)) == ""
     assert passed_by_vehicle(motion, Limits(road_width=4.0)) == "road_width"
 

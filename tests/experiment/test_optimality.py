@@ -14,6 +14,7 @@ from harness.experiment.information import EstimationGoal, KeptFit, log_error, o
 from harness.experiment.limits import Limits
 from harness.experiment.manoeuvres import SearchRange, chosen
 from harness.experiment.rehearsal import Rehearsal
+from harness.simulation.drives import profile_of
 from support.identification import CAR, model_of
 
 FREE = ("stiffness_over_load_front", "stiffness_over_load_rear", "mass_over_inertia")
@@ -91,6 +92,30 @@ def test_the_circle_tells_the_steady_state_and_quick_steering_the_yaw_inertia():
     assert min(gradient, key=gradient.get) == "circle"
     assert min(inertia, key=inertia.get) == "sweep"
     assert inertia["ramp"] > 3.0 * inertia["sweep"]
+
+
+def test_braking_in_a_turn_tells_what_braking_takes_from_the_lateral_force():
+    table = {"vehicle": "car", "parameters": "blanco_2021", "tyre": "linear", "sensors": "car_series"}
+    name = "combined_slip_braking_front"
+    spec = model_of({**table, "integrator": "rk4", "effects": ["combined_slip"]}, **{name: 1.0})
+    goal = EstimationGoal(KeptFit(spec, {name: (1.0, 1.0, "weakly determined")}, np.eye(1)))
+    errors = best_errors(goal, ["circle", "brake"])
+    assert min(errors, key=errors.get) == "brake"
+    assert errors["circle"] > 10.0 * errors["brake"]
+
+
+def test_a_spline_is_no_worse_than_the_drives_it_begins_with():
+    goal = EstimationGoal(fitted())
+    errors = best_errors(goal, ["circle", "weave", "spline"])
+    assert errors["spline"] < 1.05 * min(errors["circle"], errors["weave"])
+
+
+def test_another_seed_steers_otherwise_at_random():
+    spec = model_of({**CAR, "integrator": "rk4"})
+    (manoeuvre,) = chosen(["random"])
+    drives = [manoeuvre.drive(np.full(4, 0.5), SearchRange.of(spec, Limits(), seed=seed), "random") for seed in (0, 1)]
+    wheels = [profile_of(spec, drive).steering_wheel_angle for drive in drives]
+    assert np.abs(wheels[0] - wheels[1]).max() > 0.1 * np.abs(wheels[0]).max()
 
 
 def test_the_fit_is_the_prior_and_a_parameter_at_its_bound_stays():
