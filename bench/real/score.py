@@ -140,7 +140,7 @@ def score(folder: Path) -> Scored:
         len(answer.sets),
         _holds(answer.claims, change["parameters"]) if change else None,
         max((p for name, p in answer.probabilities.items() if name not in there), default=math.nan),
-        _worse(traced["excess"]) if traced else False,
+        _worse(traced["error"]) if traced else False,
         float(seconds.read_text(encoding="utf-8")) if seconds.exists() else math.nan,
     )
 
@@ -152,10 +152,16 @@ def _holds(claims: Iterable[Claim], true: Mapping[str, float]) -> bool | None:
     return all(abs(value - true[name]) <= QUANTILE * std for name, (value, std) in sizes.items())
 
 
-def _worse(excess: Mapping[str, float | None]) -> bool:
-    """Whether the error grew; what has no number strays without end."""
-    before, after = (math.inf if e is None else e for e in (excess["before"], excess["after"]))
-    return after > before
+def _worse(error: Mapping[str, Mapping[str, Any]]) -> bool:
+    """Whether the mean square of the simulation error over the held-out drives grew, all outputs alike.
+
+    Plain errors: the floor over which a trace judges them is that of its own model. What has no number strays without
+    end.
+    """
+    before, after = ([math.inf if e[k] is None else e[k] for e in error.values()] for k in ("before", "after"))
+    if not all(map(math.isfinite, [*before, *after])):
+        return sum(map(math.isfinite, after)) < sum(map(math.isfinite, before))
+    return float(np.mean([(a / b) ** 2 for a, b in zip(after, before, strict=True)])) > 1.0
 
 
 def said(folder: Path) -> str:

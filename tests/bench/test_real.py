@@ -172,7 +172,8 @@ def folder_of(tmp_path, name="car-baseline-mass-medium", **traced):
         (folder / "monday.csv").write_text("")
     if traced:
         changes = traced.pop("changes", [])
-        whole = {"verdict": "amended", "excess": {"before": 4.0, "after": 0.5}, "added": [], "parameters": []} | traced
+        error = {"yaw_rate": {"before": 4.0, "after": 0.5}}
+        whole = {"verdict": "amended", "error": error, "added": [], "parameters": []} | traced
         whole |= {"baseline": {"changes": changes} if case.design == "baseline" else None}
         (folder / TRACE).write_text(json.dumps(whole))
     return folder
@@ -210,6 +211,17 @@ def test_what_every_plant_has_is_no_invention_unless_it_was_to_be_a_change(tmp_p
     assert score(folder_of(tmp_path, posterior=claim)).wrong == 0.95
     slosh = {"hypotheses": [{"name": "liquid_slosh", "kind": "effect", "probability": 0.97}]}
     assert score(folder_of(tmp_path / "slosh", "car-alone-mass-medium", posterior=slosh)).wrong == 0.97
+
+
+@pytest.mark.parametrize(
+    ("after", "worse"),
+    [((1.0, 1.0), False), ((0.5, 1.2), False), ((0.99, 1.05), True), ((None, 0.5), True), ((None, None), True)],
+)
+def test_an_error_that_grew_over_all_outputs_is_worse(tmp_path, after, worse):
+    error = {
+        name: {"before": 1.0, "after": a} for name, a in zip(("yaw_rate", "lateral_acceleration"), after, strict=True)
+    }
+    assert score(folder_of(tmp_path, error=error)).worse is worse
 
 
 def test_a_trace_that_ended_in_an_error_is_wrong_and_stands_in_the_table(tmp_path):
