@@ -1,5 +1,6 @@
 """What has changed since a baseline, and the discrepancy that a model is allowed."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -21,6 +22,7 @@ from harness.diagnosis.result.answer import Change
 from harness.diagnosis.result.changes import _answer, _instead, _phrase, since
 from harness.diagnosis.result.outcome import outcome_of, with_effects
 from harness.diagnosis.run import TraceTask, run_trace
+from harness.diagnosis.selection.acceptance import strayed
 from harness.diagnosis.selection.baseline import about, learnt, of_roads
 from harness.diagnosis.selection.forward_selection import first_variances, trace
 from harness.diagnosis.selection.model_comparison import log_held
@@ -66,6 +68,24 @@ def test_a_change_is_the_difference_with_an_interval_that_holds_it(augmented, ba
         assert "unmodelled_force" in spec.effects
         assert set(spec.model().states) == set(spec.process_noise)
         assert spec.process_noise["unmodelled_force_walk"] > 0
+
+
+def test_a_baseline_that_predicts_with_values_that_no_vehicle_has_is_cautioned_against(augmented, baseline):
+    """Four standard deviations of a fifth are a factor of 2.2; what the fit itself has is believed."""
+    names = {c.name for c in baseline.fitted.coordinates}
+    assert strayed(baseline.fitted, names) == ""
+    at = next(c for c in baseline.fitted.coordinates if c.name == "yaw_inertia")
+    values = baseline.fitted.point.values.copy()
+    values[list(at.rows)] = at.value(at.centre + 4.0 * at.stated_std)
+    far = replace(baseline.fitted, point=replace(baseline.fitted.point, values=values))
+    assert strayed(far, names) == "yaw inertia 2.2"
+    assert strayed(far, {"mass"}) == ""
+    outcome = searched(
+        augmented, baseline, [driven(i + 50, ["steering_offset"], steering_offset=2e-3) for i in range(2)]
+    )
+    assert not any("of the vehicle" in text for text in outcome.cautions)
+    doubtful = replace(outcome, baseline=replace(baseline, fitted=far))
+    assert any("yaw inertia 2.2" in text for text in doubtful.cautions)
 
 
 def test_what_happens_in_a_drive_and_stays_may_have_happened_before_it(augmented, baseline):

@@ -37,7 +37,7 @@ from harness.diagnosis.result.confounded import Direction, confounded
 from harness.diagnosis.result.estimator_gain import EstimatorErrors, fitted_model
 from harness.diagnosis.result.expectation import ExpectationMet
 from harness.diagnosis.result.study_gain import StudyGain
-from harness.diagnosis.selection.acceptance import ends_at_bound
+from harness.diagnosis.selection.acceptance import ends_at_bound, strayed
 from harness.diagnosis.selection.baseline import Baseline
 from harness.diagnosis.selection.candidate_fits import Say
 from harness.diagnosis.selection.forward_selection import Trace
@@ -130,8 +130,16 @@ class Outcome:
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """Parameters that a fit took to a bound, and whether the stated model could not have been driven."""
-        return cautions(self.trace)
+        """Parameters that a fit took to a bound or far from what is stated, and models that cannot be driven."""
+        if self.baseline is None:
+            return cautions(self.trace)
+        nominal = {p.name for p in self.baseline.augmented.nominal.parameters}
+        factors = strayed(self.baseline.fitted, nominal)
+        effective = (
+            "The model of the baseline predicts, but with values that are hardly those of the vehicle (as factors on "
+            f"what is stated: {factors}); sizes of changes are those of this model."
+        )
+        return (*((effective,) if factors else ()), *cautions(self.trace))
 
     @functools.cached_property
     def _uncertainty(self) -> tuple[list[int], Floats, Floats]:

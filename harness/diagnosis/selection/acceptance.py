@@ -165,9 +165,13 @@ def beyond_belief(fitted: FittedHypothesis, added: Sequence[Hypothesis]) -> str:
         added: What it holds; only the hypothesis that many parameters are wrong at once has such factors, of which
             one that was added besides is one.
     """
-    many = {n for h in added if h.name == ALL_PARAMETERS for n in h.amplitudes}
+    return strayed(fitted, {n for h in added if h.name == ALL_PARAMETERS for n in h.amplitudes})
+
+
+def strayed(fitted: FittedHypothesis, names: Container[str]) -> str:
+    """Return which of some parameters a fit has by implausible factors of what is stated, the three farthest."""
     beyond: list[tuple[float, str]] = []
-    for at in (c for c in fitted.coordinates if c.name in many):
+    for at in (c for c in fitted.coordinates if c.name in names):
         value = fitted.point.value(at)
         deviations = abs(at.coordinate(value) - at.centre) / at.stated_std
         if deviations > PRIORS.implausible:
