@@ -27,7 +27,7 @@ from threadpoolctl import threadpool_limits
 from bench.attribution.gate import drawn
 from bench.attribution.run import NOMINAL, PLANT, Case, listed, task_of
 from bench.attribution.score import FAILED
-from bench.next_drive_score import ARMS, FIRST, PLANNED, figure, page, scored_cases, standing, table
+from bench.next_drive_score import ARMS, FIRST, PLANNED, figure, models_left, page, scored_cases, standing, table
 from harness.common.arguments import Parser
 from harness.common.errors import ModelError, UserError
 from harness.common.files import json_text, write_files
@@ -106,8 +106,10 @@ class Prover:
             _driven(case, folder, {n: _calm(vehicle, case.repeat, n) for n in ("train_a", "train_b", "test")})
         is_field = case.quality == "field"
         before = self._traced(case, FIRST, ())
-        if standing(before, is_field) is not None or len((before["confusable"] or {"models": ()})["models"]) < 2:
+        if standing(before, is_field) is not None:
             return "one name stands behind the calm drives"
+        if models_left(before) < 2:
+            return "the only model behind the calm drives has several names that stand together"
         plan = self._planned(case)
         for arm in ARMS:
             halved = arm.removesuffix(" twice")

@@ -1,6 +1,7 @@
 """Score of ``bench.next_drive_proof``: names that stand behind further drives, against the seals and what was expected.
 
-A model is named by the effects that it has, wherever they act: parameters that it moves are no claim. Probabilities are
+A model is named by the effects that it has, wherever they act: parameters that it moves are no claim. Of names that
+stand together in a model, as no drive so far tells them apart, each has a share of its probability. Probabilities are
 those of the trace, given that one of its models is right. In field quality delays, drifts and a wheel radius are of the
 recording and of no name.
 """
@@ -11,7 +12,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
@@ -54,12 +55,17 @@ def names_in(traced: Mapping[str, Any], is_field: bool) -> dict[Name, float]:
     models = (traced["posterior"] or {"models": []})["models"]
     names: dict[Name, float] = {}
     for m in models:
-        first = [(alike[0]["kind"], split(alike[0]["name"])[0]) for alike in m["added"]]
-        effects = frozenset(n for kind, n in first if kind != "parameter") - (OF_RECORDING if is_field else set())
-        parameters = frozenset(alike[0]["name"] for alike in m["added"] if alike[0]["kind"] == "parameter")
-        names[effects, parameters] = names.get((effects, parameters), 0.0) + m["probability"]
+        together = {_name(hypotheses, is_field) for hypotheses in product(*m["added"])}
+        for name in together:
+            names[name] = names.get(name, 0.0) + m["probability"] / len(together)
     whole = sum(names.values())
     return {name: p / whole for name, p in names.items()} if whole > 0 else {}
+
+
+def _name(hypotheses: Sequence[Mapping[str, str]], is_field: bool) -> Name:
+    effects = frozenset(split(h["name"])[0] for h in hypotheses if h["kind"] != "parameter")
+    parameters = frozenset(h["name"] for h in hypotheses if h["kind"] == "parameter")
+    return effects - (OF_RECORDING if is_field else set()), parameters
 
 
 def standing(traced: Mapping[str, Any], is_field: bool) -> frozenset[str] | None:
@@ -123,7 +129,8 @@ class Open:
         group: Vehicle and quality.
         commit: Of the code that planned.
         before: Probability of the right name behind the calm drives.
-        held: Whether one of the models that the plan told apart has the right name.
+        held: Whether one of the models that the plan told apart has the right name; of names that stand together it
+            takes the first.
         arms: By name.
     """
 
@@ -141,25 +148,38 @@ class Scored:
 
     Attributes:
         traced: By group, cases whose calm drives were traced.
+        together: By group, those in which several names stand together in the only model, for which nothing is planned.
         opened: Those that left several names and were driven in every arm.
         failed: By group, cases that ended in an error.
     """
 
     traced: dict[str, int]
+    together: dict[str, int]
     opened: tuple[Open, ...]
     failed: dict[str, int]
 
 
 def scored_cases(out: Path) -> Scored:
     """Return the cases of a folder of ``bench.next_drive_proof`` against their seals."""
-    traced, failed, opened = {}, {}, []
+    traced, together, failed, opened = {}, {}, {}, []
     for group in sorted(p for p in out.glob("*-*") if p.is_dir()):
         first = sorted(group.glob(f"*/{FIRST}/trace.json"))
         traced[group.name] = len(first)
         failed[group.name] = len(list(group.glob(f"*/{FAILED}")))
+        together[group.name] = sum(_stand_together(file) for file in first)
         cases = [_case(file.parents[1]) for file in first if (file.parents[1] / PLANNED).exists()]
         opened += [case for case in cases if case is not None]
-    return Scored(traced, tuple(opened), failed)
+    return Scored(traced, together, tuple(opened), failed)
+
+
+def _stand_together(file: Path) -> bool:
+    traced = json.loads(file.read_text(encoding="utf-8"))
+    return standing(traced, file.parents[2].name.endswith("field")) is None and models_left(traced) < 2
+
+
+def models_left(traced: Mapping[str, Any]) -> int:
+    """Return the number of models in the confusable set of a trace."""
+    return len((traced["confusable"] or {"models": ()})["models"])
 
 
 def _case(folder: Path) -> Open | None:
@@ -186,7 +206,7 @@ def _case(folder: Path) -> Open | None:
 def _confusable(traced: Mapping[str, Any], count: int) -> list[dict[str, Any]]:
     """Return the likeliest models of the confusable set as those of a posterior."""
     models = sorted(traced["confusable"]["models"], key=lambda m: -m["share"])[:count]
-    return [{"added": m["added"], "probability": m["share"]} for m in models]
+    return [{"added": [alike[:1] for alike in m["added"]], "probability": m["share"]} for m in models]
 
 
 def _driven(traced: Mapping[str, Any], sealed: Mapping[str, Any], arm: Mapping[str, Any]) -> Driven:
@@ -215,33 +235,45 @@ def _interval(values: Floats) -> tuple[float, float]:
 
 def table(scored: Scored) -> str:
     """Return what was settled as Markdown."""
-    blocks = []
+    lines = []
     for group, count in scored.traced.items():
         own = [o for o in scored.opened if o.group == group]
-        held = sum(o.held for o in own)
-        said = f"{group.replace('-', ', ')}: {count} cases traced, {len(own)} of them left several names and were "
-        said += f"driven on; of {held} the right name was among those planned for."
-        said += f" {scored.failed[group]} ended in an error." if scored.failed[group] else ""
-        blocks += [said + "\n"] + ([_settled(own)] if own else [])
-    return "\n".join(blocks)
-
-
-def _settled(own: Sequence[Open]) -> str:
-    rows = ["| driven | seconds, mean | the right name stands (95 %) | a wrong one stands | expected | reached |",
-            "|---|--:|--:|--:|--:|--:|"]  # fmt: skip
-    for arm in ARMS:
-        each = [o.arms[arm] for o in own]
-        rows.append(
-            f"| {arm} | {np.mean([d.seconds for d in each]):.0f} | {share(d.settled for d in each)} | "
-            f"{sum(d.misled for d in each)} | {np.mean([d.expected for d in each]):.2f} | "
-            f"{np.mean([d.right for d in each]):.2f} |"
-        )
+        line = f"* {_said(group)}: {count} cases traced; {len(own)} left several names and were driven on, "
+        line += f"{sum(o.held for o in own)} of them with the right name among those planned for."
+        if scored.together[group]:
+            line += f" Of {scored.together[group]} several names stand together in the only model."
+        lines.append(line + (f" {scored.failed[group]} ended in an error." if scored.failed[group] else ""))
+    if not scored.opened:
+        return "\n".join(lines) + "\n"
     more = [
         f"{100 * mean:+.0f} points against {other} ({100 * low:+.0f} to {100 * high:+.0f})"
-        for other in ARMS[1:]
-        for mean, low, high in [difference(own, ARMS[0], other)]
+        for other in ARMS
+        if not other.startswith(ARMS[0])
+        for mean, low, high in [difference(scored.opened, ARMS[0], other)]
     ]
-    return "\n".join(rows) + f"\n\nDesigned, paired over cases: {', '.join(more)}.\n"
+    lines += ["", *_rows(scored), "", f"Designed, paired over all cases: {', '.join(more)}."]
+    return "\n".join(lines) + "\n"
+
+
+def _said(group: str) -> str:
+    return group.replace("-", ", ")
+
+
+def _rows(scored: Scored) -> list[str]:
+    """Return the rows of the arms: how many cases of each group are settled, and of all of them."""
+    groups = [group for group in scored.traced if any(o.group == group for o in scored.opened)]
+    head = ["driven", "s, mean", *map(_said, groups), "all", "planned for", "wrong name", "expected", "reached"]
+    rows = [f"| {' | '.join(head)} |", f"|---|{'--:|' * (len(head) - 1)}"]
+    for arm in ARMS:
+        each = [o.arms[arm] for o in scored.opened]
+        settled = [[o.arms[arm].settled for o in scored.opened if o.group == group] for group in groups]
+        cells = [arm, f"{np.mean([d.seconds for d in each]):.0f}"]
+        cells += [f"{sum(own)} of {len(own)}" for own in settled]
+        cells += [share(d.settled for d in each), share(o.arms[arm].settled for o in scored.opened if o.held)]
+        cells += [str(sum(d.misled for d in each))]
+        cells += [f"{np.mean([getattr(d, what) for d in each]):.2f}" for what in ("expected", "right")]
+        rows.append(f"| {' | '.join(cells)} |")
+    return rows
 
 
 _EDGES = (0.0, 0.6, 0.8, 0.9, 0.95, 0.99, 1.0)

@@ -66,6 +66,15 @@ def test_an_equal_counts_as_the_effect_also_as_a_parameter():
     assert probability_of_right(trace, sealed()) == pytest.approx(0.5)  # a parameter is no claim
 
 
+def test_names_that_stand_together_share_the_probability_of_their_model():
+    trace = traced(steering_lag=1.0)
+    trace["posterior"]["models"][0]["added"][0].append({"name": "steering_delay", "kind": "effect"})
+    assert standing(trace, False) is None
+    assert probability_of_right(trace, sealed("steering_delay")) == pytest.approx(0.5)
+    trace["posterior"]["models"][0]["added"] = [[{"name": f"sensor_gain@{c}", "kind": "effect"} for c in "ab"]]
+    assert standing(trace, False) == frozenset({"sensor_gain"})
+
+
 def test_faults_of_a_recording_are_of_no_name_in_field_quality_alone():
     trace = traced(steering_lag_and_speed_delay=0.7, steering_lag=0.3)
     assert standing(trace, False) is None
@@ -128,8 +137,9 @@ def test_the_difference_is_that_of_cases_with_the_interval_of_their_resamples(fo
 
 def test_table_and_reliability_are_of_the_cases_that_are_there(folder):
     scored = scored_cases(folder)
-    assert "| designed | 40 | 2 of 2, 100 %" in table(scored)
-    assert "| random twice | 60 | 0 of 2, 0 %" in table(scored)
+    assert "| designed | 40 | 2 of 2 | 2 of 2, 100 % (34 to 100) |" in table(scored)
+    assert "| random twice | 60 | 0 of 2 | 0 of 2, 0 % (0 to 66) | 0 of 2, 0 % (0 to 66) | 1 |" in table(scored)
+    assert "+50 points against sweep (+0 to +100)" in table(scored)
     ((expected, reached, low, high, count),) = reliability(scored)
     assert (expected, count) == (pytest.approx(0.9), 6)
     assert reached == pytest.approx(np.mean([1, 0.6, 0.03, 1, 1, 0.6]))
