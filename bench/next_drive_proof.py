@@ -109,7 +109,7 @@ class Prover:
         if standing(before, is_field) is not None:
             return "one name stands behind the calm drives"
         if models_left(before) < 2:
-            return "the only model behind the calm drives has several names that stand together"
+            return "no name stands behind the calm drives, but one model is left"
         plan = self._planned(case)
         for arm in ARMS:
             halved = arm.removesuffix(" twice")

@@ -2,8 +2,8 @@
 
 A model is named by the effects that it has, wherever they act: parameters that it moves are no claim. Of names that
 stand together in a model, as no drive so far tells them apart, each has a share of its probability. Probabilities are
-those of the trace, given that one of its models is right. In field quality delays, drifts and a wheel radius are of the
-recording and of no name.
+those of the trace, beside which none of its models may be right. In field quality delays, drifts and a wheel radius are
+of the recording and of no name.
 """
 
 from __future__ import annotations
@@ -51,15 +51,14 @@ Name = tuple[frozenset[str], frozenset[str]]
 
 
 def names_in(traced: Mapping[str, Any], is_field: bool) -> dict[Name, float]:
-    """Return the probability of every name, given that one of the models of a trace is right."""
+    """Return the probability of every name of a trace; what they lack of one is that of none of these."""
     models = (traced["posterior"] or {"models": []})["models"]
     names: dict[Name, float] = {}
     for m in models:
         together = {_name(hypotheses, is_field) for hypotheses in product(*m["added"])}
         for name in together:
             names[name] = names.get(name, 0.0) + m["probability"] / len(together)
-    whole = sum(names.values())
-    return {name: p / whole for name, p in names.items()} if whole > 0 else {}
+    return names
 
 
 def _name(hypotheses: Sequence[Mapping[str, str]], is_field: bool) -> Name:
@@ -148,31 +147,32 @@ class Scored:
 
     Attributes:
         traced: By group, cases whose calm drives were traced.
-        together: By group, those in which several names stand together in the only model, for which nothing is planned.
+        alone: By group, those in which no name stands though one model is left, for which nothing is planned: its names
+            stand together, or none of these may be right.
         opened: Those that left several names and were driven in every arm.
         failed: By group, cases that ended in an error.
     """
 
     traced: dict[str, int]
-    together: dict[str, int]
+    alone: dict[str, int]
     opened: tuple[Open, ...]
     failed: dict[str, int]
 
 
 def scored_cases(out: Path) -> Scored:
     """Return the cases of a folder of ``bench.next_drive_proof`` against their seals."""
-    traced, together, failed, opened = {}, {}, {}, []
+    traced, alone, failed, opened = {}, {}, {}, []
     for group in sorted(p for p in out.glob("*-*") if p.is_dir()):
         first = sorted(group.glob(f"*/{FIRST}/trace.json"))
         traced[group.name] = len(first)
         failed[group.name] = len(list(group.glob(f"*/{FAILED}")))
-        together[group.name] = sum(_stand_together(file) for file in first)
+        alone[group.name] = sum(_is_alone(file) for file in first)
         cases = [_case(file.parents[1]) for file in first if (file.parents[1] / PLANNED).exists()]
         opened += [case for case in cases if case is not None]
-    return Scored(traced, together, tuple(opened), failed)
+    return Scored(traced, alone, tuple(opened), failed)
 
 
-def _stand_together(file: Path) -> bool:
+def _is_alone(file: Path) -> bool:
     traced = json.loads(file.read_text(encoding="utf-8"))
     return standing(traced, file.parents[2].name.endswith("field")) is None and models_left(traced) < 2
 
@@ -240,8 +240,8 @@ def table(scored: Scored) -> str:
         own = [o for o in scored.opened if o.group == group]
         line = f"* {_said(group)}: {count} cases traced; {len(own)} left several names and were driven on, "
         line += f"{sum(o.held for o in own)} of them with the right name among those planned for."
-        if scored.together[group]:
-            line += f" Of {scored.together[group]} several names stand together in the only model."
+        if scored.alone[group]:
+            line += f" In {scored.alone[group]} no name stands though one model is left, so that nothing is planned."
         lines.append(line + (f" {scored.failed[group]} ended in an error." if scored.failed[group] else ""))
     if not scored.opened:
         return "\n".join(lines) + "\n"

@@ -42,10 +42,10 @@ def sealed(*effects, quality="clean", **equivalent):
 
 
 def test_places_are_one_name_and_the_probabilities_are_those_of_the_models_alone():
-    trace = traced(sensor_gain_at_yaw_rate=0.5, sensor_gain_at_lateral_velocity=0.26, steering_lag=0.04)
+    trace = traced(sensor_gain_at_yaw_rate=0.5, sensor_gain_at_lateral_velocity=0.46, steering_lag=0.04)
     assert standing(trace, False) == frozenset({"sensor_gain"})
-    assert probability_of_right(trace, sealed("sensor_gain")) == pytest.approx(0.95)
-    assert probability_of_right(trace, sealed("steering_lag")) == pytest.approx(0.05)
+    assert probability_of_right(trace, sealed("sensor_gain")) == pytest.approx(0.96)
+    assert probability_of_right(trace, sealed("steering_lag")) == pytest.approx(0.04)
     assert probability_of_right(trace, sealed()) == 0.0
 
 
