@@ -277,6 +277,8 @@ def _rows(scored: Scored) -> list[str]:
 
 
 _EDGES = (0.0, 0.6, 0.8, 0.9, 0.95, 0.99, 1.0)
+_FEWEST = 3
+"""Cases of a bin whose mean is stated."""
 
 
 def reliability(scored: Scored) -> list[tuple[float, float, float, float, int]]:
@@ -288,7 +290,7 @@ def reliability(scored: Scored) -> list[tuple[float, float, float, float, int]]:
     rows = []
     for low, high in pairwise(_EDGES):
         within = pairs[(pairs[:, 0] >= low) & ((pairs[:, 0] < high) | (high == _EDGES[-1]))]
-        if len(within):
+        if len(within) >= _FEWEST:
             rows.append((float(within[:, 0].mean()), float(within[:, 1].mean()), *_interval(within[:, 1]), len(within)))
     return rows
 
@@ -311,7 +313,7 @@ def figure(scored: Scored) -> bytes:
         rows = reliability(scored)
         if rows:
             expected, reached, low, high, _ = (np.array(column) for column in zip(*rows, strict=True))
-            axes.errorbar(expected, reached, [reached - low, high - reached], fmt="o-", color=style.TRUTH, ms=5,
+            axes.errorbar(expected, reached, [reached - low, high - reached], fmt="o", color=style.TRUTH, ms=5,
                           label="mean of a bin, 95 %")  # fmt: skip
         axes.set_xlabel("expected probability of the right name")
         axes.set_ylabel("reached")
