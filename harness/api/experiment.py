@@ -33,7 +33,8 @@ def next_drive(
         result: Folder of ``harness identify``, ``trace`` or ``run``; of a trace its confusable models are told apart,
             of a study the errors of its estimators become small.
         wanted: Parameters that count, or their weights in a combination; those that are not determined by default. Of
-            a study targets and estimators, all by default, and a design, the first population by default.
+            a trace effects whose detection limits are to be lowered. Of a study targets and estimators, all by default,
+            and a design, the first population by default.
         criterion: ``D``, the volume of their confidence ellipsoid; ``A``, the sum of their variances; ``c``, the
             variance of their combination.
         limits: TOML file, or limits by name: numbers in SI units, or text with a unit (docs/next-drive.md).

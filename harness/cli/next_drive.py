@@ -29,8 +29,9 @@ class NextDriveOptions:
         typer.Option(
             "--for",
             metavar="NAME[=WEIGHT]",
-            help="Parameters that count, with weights in the combination of c; the undetermined if absent. Of a study "
-            "targets and estimators, all if absent, and a design. Repeatable.",
+            help="Parameters that count, with weights in the combination of c; the undetermined if absent. Of a trace "
+            "effects whose detection limits count. Of a study targets and estimators, all if absent, and a design. "
+            "Repeatable.",
         ),
     ] = None
     criterion: Annotated[

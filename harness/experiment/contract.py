@@ -78,6 +78,13 @@ class Goal(Protocol):
     def measure(self) -> str:
         """What the exponential of its value is, in words."""
 
+    def measured_by(self, sensors: str, /) -> Goal:
+        """Return the same goal before drives with other sensors.
+
+        Raises:
+            UserError: If that cannot be expected.
+        """
+
     def evidence(self, drive: Rehearsed, /) -> Evidence:
         """Return what a drive tells."""
 

@@ -14,6 +14,7 @@ from harness.config import ModelSpec
 from harness.config.model_choice import fitting_sensors
 from harness.experiment.contract import ExpectedOutcome, Goal, total
 from harness.experiment.design import DrivePlan, TriedDrive, design
+from harness.experiment.detection import DetectionGoal
 from harness.experiment.information import Criterion, EstimationGoal, read_fit
 from harness.experiment.kept_drives import KeptDrives, basis
 from harness.experiment.limits import Limits
@@ -124,7 +125,7 @@ def design_drives(task: DesignTask, say: Callable[[str], None] = lambda _: None)
         reasons = "; ".join(f"{name}: {why}" for name, why in plan.refused.items()) or "nothing tells more"
         raise UserError(f"no drive of {task.budget:g} s keeps to the limits ({reasons}); widen them or the budget")
     equipped = []
-    if isinstance(goal, EstimationGoal | StudyGoal) and task.sensors:
+    if task.sensors:
         for name in fitting_sensors(spec.vehicle, spec.tyre):
             say(f"sensors: {name}")
             equipped.append(_equipped(task, goal, plan, name))
@@ -156,13 +157,11 @@ def _goal(task: DesignTask) -> Goal:
         fit = read_fit(task.folder)
         _refuse_undriven(fit.spec, task.folder)
         return EstimationGoal(fit, task.wanted, task.criterion, seed=task.seed)
-    if task.wanted or task.criterion != "D" or task.sensors:
-        raise UserError(
-            f"{task.folder}: parameters, criterion and sensors are asked of an identification, not of a trace"
-        )
-    trace = read_trace(task.folder)
+    if task.criterion != "D" or any(weight != 1.0 for weight in task.wanted.values()):
+        raise UserError(f"{task.folder}: criterion and weights are asked of an identification, not of a trace")
+    trace = read_trace(task.folder, least=1 if task.wanted else 2)
     _refuse_undriven(trace.spec, task.folder)
-    return SeparationGoal(trace)
+    return DetectionGoal(trace, list(task.wanted)) if task.wanted else SeparationGoal(trace)
 
 
 def _refuse_undriven(spec: ModelSpec, folder: Path) -> None:
@@ -172,12 +171,12 @@ def _refuse_undriven(spec: ModelSpec, folder: Path) -> None:
         raise UserError(f"{folder}: drives are planned for a vehicle with a steering wheel; its inputs are {inputs}")
 
 
-def _equipped(task: DesignTask, goal: EstimationGoal | StudyGoal, plan: DrivePlan, name: str) -> Equipped:
+def _equipped(task: DesignTask, goal: Goal, plan: DrivePlan, name: str) -> Equipped:
     """Return what the planned drives tell with other sensors; those so far had theirs."""
     outputs = tuple(SENSORS.load(name).OUTPUTS)
     try:
         other = goal.measured_by(name)
-        alone = Rehearsal(other.model, other.model.spec, other.versions[:1], 1, task.limits)
+        alone = Rehearsal(other.model, other.model.spec, other.versions[: goal.recorded], goal.recorded, task.limits)
         parts = []
         for tried, times in plan.sequence:
             again = alone.of(tried.rehearsed.drive)

@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -119,16 +119,22 @@ class OpenTrace:
         rivals: The confusable set, the likeliest first.
         drives: Of the trace.
         none: Probability that none of them is right.
+        detectable: By hypothesis and amplitude the detection limit; infinite where the drives could show none.
     """
 
     spec: ModelSpec
     rivals: tuple[RivalModel, ...]
     drives: DrivesSoFar
     none: float = 0.0
+    detectable: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
-def read_trace(folder: Path) -> OpenTrace:
+def read_trace(folder: Path, least: int = 2) -> OpenTrace:
     """Return the nominal model of a trace and its confusable set.
+
+    Args:
+        folder: Of the trace.
+        least: How many models there must be.
 
     Raises:
         UserError: If the trace left nothing to be told apart, or an older version wrote it.
@@ -142,9 +148,24 @@ def read_trace(folder: Path) -> OpenTrace:
         rivals = tuple(_rival(m) for m in sorted(confusable["models"], key=lambda m: -m["share"])[:_MOST])
     except (ValueError, KeyError, TypeError) as error:
         raise UserError(f"{file}: holds no confusable set with estimates; run harness trace again") from error
-    if len(rivals) < 2:
-        raise UserError(f"{file}: the trace left one model, {rivals[0].name}; there is nothing to be told apart")
-    return OpenTrace(fitted_spec(folder / "nominal.toml", ", ".join(outputs)), rivals, drives, none)
+    if len(rivals) < least:
+        raise UserError(
+            f"{file}: the trace left one model, {rivals[0].name}; nothing is to be told apart; say what to show (--for)"
+        )
+    spec = fitted_spec(folder / "nominal.toml", ", ".join(outputs))
+    return OpenTrace(spec, rivals, drives, none, _detectable(content.get("candidates", ())))
+
+
+def _detectable(candidates: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
+    """Return the last detection limits by hypothesis, and by amplitude where no hypothesis has that name."""
+    limits: dict[str, dict[str, float]] = {}
+    for candidate in sorted(candidates, key=lambda c: c["kind"] == "effect"):  # which has the name where both have it
+        sizes = {n: math.inf if v is None else float(v) for n, v in candidate["detectable"].items()}
+        limits[candidate["name"]] = sizes
+    for sizes in list(limits.values()):
+        for name, size in sizes.items():
+            limits.setdefault(name, {name: size})
+    return limits
 
 
 def _rival(model: dict[str, Any]) -> RivalModel:
@@ -176,6 +197,7 @@ class SeparationGoal:
     Args:
         trace: What it left.
         jobs: Threads of one evaluation.
+        also: Parameters of the library that the model has besides those of the set.
     """
 
     criterion = "T"
@@ -184,16 +206,16 @@ class SeparationGoal:
     enough = math.log(1e-3)
     measure = "a bound on the probability that a wrong model of the set is named"
 
-    def __init__(self, trace: OpenTrace, jobs: int = 1) -> None:
-        spec, rivals = trace.spec, trace.rivals
+    def __init__(self, trace: OpenTrace, jobs: int = 1, also: Iterable[str] = ()) -> None:
+        self.trace, spec, rivals = trace, trace.spec, trace.rivals
         self.rivals, self.drives, self.none, self.recorded = rivals, trace.drives, trace.none, len(rivals)
-        moved = {name for r in rivals for name in r.values}
+        moved = {*also, *(name for r in rivals for name in r.values)}
         excluded = _not_needed(spec, moved)
         available = {*spec.model().inputs, *spec.model().outputs}
         self.model = AugmentedModel(spec, available, jobs, excluded)
         if lost := sorted(moved - set(self.model.names)):
             raise UserError(
-                f"the model of the trace has no parameter '{lost[0]}'; plan with the recordings' own signals"
+                f"without the signals that were recorded the model of the trace has no parameter '{lost[0]}'"
             )
         self.shares = np.array([r.share for r in rivals]) / sum(r.share for r in rivals)
         self._coordinates = [[self._coordinate(name, value) for name, value in r.values.items()] for r in rivals]
@@ -202,6 +224,14 @@ class SeparationGoal:
         self.versions = tuple(f.values for f in self.filters)
         m = range(len(self.rivals))
         self._emulations = np.array([[self._emulation(i, j) for j in m] for i in m])
+
+    def measured_by(self, sensors: str) -> SeparationGoal:
+        """Return the same goal before drives with other sensors; what the drives so far say stays.
+
+        Raises:
+            UserError: If the noise of one is not known, or a model of the set is one of a sensor that is not there.
+        """
+        return SeparationGoal(replace(self.trace, spec=fitted_spec(Path(self.trace.spec.parameters), sensors)))
 
     def _filter(self, rival: RivalModel, coordinates: Sequence[Coordinate]) -> RivalFilter:
         """Return the filter of a model at each level of its noise, with what the drives so far say there."""
@@ -265,7 +295,7 @@ class SeparationGoal:
         m, n = len(self.rivals), max(len(f.coordinates) for f in self.filters)
         shape = 2, m, m, len(self.filters[0].points)
         squares, slopes, information = np.zeros(shape), np.zeros((*shape, n)), np.zeros((*shape, n, n))
-        for i, data in enumerate(() if any(map(self._is_calm, drive.data)) else drive.data):
+        for i, data in enumerate(() if any(map(self.is_calm, drive.data)) else drive.data):
             for j, rival in enumerate(self.filters):
                 k = len(rival.coordinates)
                 for part, parts in enumerate(rival.over(self.model, data, BLOCK, refitted=i != j)):
@@ -274,7 +304,7 @@ class SeparationGoal:
                     information[part, i, j, :, :k, :k] = parts.information
         return squares, slopes, information, np.array([drive.seconds, drive.seconds - BLOCK])
 
-    def _is_calm(self, data: DriveData) -> bool:
+    def is_calm(self, data: DriveData) -> bool:
         """Whether a trace refuses a recording, or one of a vehicle that turns a little less."""
         rates = [i for i, name in enumerate(self.model.nominal.outputs) if name.startswith("yaw_rate")]
         speed = data.inputs[:, self.model.model.inputs.index("speed")]

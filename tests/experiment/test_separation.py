@@ -117,6 +117,16 @@ def test_a_model_that_holds_the_right_one_is_told_from_it_only_by_the_drives_so_
     assert math.isinf(goal._emulations[0, 1])
 
 
+def test_fewer_sensors_tell_less_of_the_same_drive(goal, tmp_path):
+    drive = [0.5, 0.5, 0.2]
+    (tmp_path / "nominal.toml").write_text(set_text(goal.model.spec, "test", {}))
+    fewer = replace(goal.model.spec, parameters=str(tmp_path / "nominal.toml"))
+    fewer = SeparationGoal(replace(goal.trace, spec=fewer)).measured_by("yaw_rate")
+    less, more = (g.distances(evidence(g, "step", drive))[0] for g in (fewer, goal))
+    assert tuple(fewer.model.spec.model().outputs) == ("yaw_rate",)
+    assert 0.0 < less[0, 1] < more[0, 1]
+
+
 def test_what_stays_open_is_said(goal):
     expectation = goal.expectation(evidence(goal, "ramp", [0.0, 0.0]))
     assert any("inertia" in text and "confusable" in text for text in expectation.open)
@@ -175,7 +185,7 @@ def test_a_trace_that_left_one_model_or_none_with_estimates_is_refused(tmp_path)
     confusable = {"models": [model], "noise": noise}
     content = {"confusable": confusable, "posterior": {"none_of_these": 0.0}, "error": {"yaw_rate": {}}}
     (tmp_path / "trace.json").write_text(json.dumps(content))
-    with pytest.raises(UserError, match="nothing to be told apart"):
+    with pytest.raises(UserError, match="left one model, nothing added"):
         read_trace(tmp_path)
     del model["at_levels"]
     (tmp_path / "trace.json").write_text(json.dumps(content))
