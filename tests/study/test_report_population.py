@@ -12,6 +12,7 @@ from scipy.special import ndtr, ndtri
 
 from harness.study.exceedance import between_share, mixture_quantile
 from harness.study.report import analyse, write_report
+from harness.study.report.overall import Standing
 from harness.study.report.sections import exceedance, shares
 from support import synthetic
 from support.joint_study import population_of, population_scores
@@ -144,3 +145,19 @@ def test_a_quantile_over_models_that_lose_runs_is_infinite_where_those_lie():
     errors = [np.ones((8, 16)), np.full((8, 16), np.inf)]
     assert mixture_quantile(errors, [0.7, 0.3], 0.5).value == 1.0
     assert mixture_quantile(errors, [0.7, 0.3], 0.95).value == np.inf
+
+
+@pytest.mark.parametrize(
+    ("shares_", "expected"), [((None, None, None), 2.0), ((0.6, 0.2, None), (0.6 * 1.0 + 0.2 * 2.0) / 0.8)]
+)
+def test_errors_over_all_models_weigh_each_by_its_share(shares_, expected):
+    """Designs that state none, as the tolerances beside models of a trace, count only where none does."""
+
+    def findings(error, share):
+        design = SimpleNamespace(sampling="population", factors=(), errors=np.full((1, 2, 1, 4), error))
+        return SimpleNamespace(
+            design=design, medians=np.full((1, 1, 2), error), population=SimpleNamespace(share=share)
+        )
+
+    standing = Standing([findings(e, s) for e, s in zip((1.0, 2.0, 3.0), shares_, strict=True)], 0, 2.5)
+    assert standing.mean == pytest.approx([expected, expected])

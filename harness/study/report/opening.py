@@ -93,7 +93,7 @@ def _numbers(standing: Standing, e: int, named: bool) -> str:
     text += f" in the {quantity.words}" if named else ""
     if standing.limit is None:
         return text
-    share = percent(float(standing.within[:, e].mean()))
+    share = percent(float(np.average(standing.within[:, e], weights=standing.weights)))
     return f"{text}, within {with_unit(standing.limit, quantity.unit)} in {share} of the runs"
 
 

@@ -55,10 +55,18 @@ class Standing:
             return np.asarray(np.trapezoid(y, x, axis=0) / np.ptp(x))
 
     @cached_property
+    def weights(self) -> Floats:
+        """Weight of each design in a mean over all ``(design,)``: how likely it is where that is stated, else alike."""
+        shares = [f.population.share if f.design.sampling == "population" else None for f in self.designs]
+        return np.ones(len(shares)) if all(s is None for s in shares) else np.array([s or 0.0 for s in shares])
+
+    @cached_property
     def mean(self) -> Floats:
         """The same in the mean over the designs, ``(estimator,)``; infinite where most runs of a level diverged."""
-        scored = self.area[~np.isnan(self.area).all(axis=1)]
-        return np.asarray(scored.mean(axis=0)) if len(scored) else np.full(self.area.shape[1], np.nan)
+        scored = ~np.isnan(self.area).all(axis=1) & (self.weights > 0.0)
+        if not scored.any():
+            return np.full(self.area.shape[1], np.nan)
+        return np.asarray(np.average(self.area[scored], axis=0, weights=self.weights[scored]))
 
     @cached_property
     def worst(self) -> Floats:
@@ -87,7 +95,7 @@ class Standing:
 
         By the share within the limit if there is one, then by area, then by the runs in which they diverged.
         """
-        return self._sorted(self.within.mean(axis=0), self.mean)
+        return self._sorted(np.average(self.within, axis=0, weights=self.weights), self.mean)
 
     def order_in(self, place: int) -> list[int]:
         """Return the same of one design."""
