@@ -139,7 +139,7 @@ def design(
     pool: list[TriedDrive] = []
     refused, count = {}, 0
     with ThreadPoolExecutor(jobs) as threads:
-        for number, manoeuvre in enumerate(manoeuvres, 1):
+        for number, manoeuvre in enumerate(sorted(manoeuvres, key=lambda m: m.like is not None), 1):
             say(f"manoeuvre {number} of {len(manoeuvres)}: {manoeuvre.name}")
             search = _Search(goal, rehearsal, room, manoeuvre, budget, kept or KeptDrives())
             models = [] if manoeuvre.like is None else [t.rehearsed.profile for t in _best(pool)[:_IMITATED]]
@@ -226,7 +226,7 @@ class _Search:
         Where the best settles all, it is tried once more as short as a recording may be.
         """
         free, like = self.manoeuvre.free, self.manoeuvre.like
-        first = [] if like is None else [like(profile, self.room) for profile in models]
+        first = [] if like is None else [point for profile in models for point in like(profile, self.room)]
         cube = [*first, *qmc.Sobol(free, rng=random).random(_FIRST)[len(first) :]]
         points, reach, best = cube[:effort], _REACH * min(1.0, math.sqrt(_FEW / free)), None
         spent = 0

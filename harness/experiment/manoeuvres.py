@@ -107,7 +107,7 @@ class Manoeuvre:
         kind: File in ``models/drives``.
         free: Number of free quantities.
         options: From a point of the unit cube and the room to the options of the kind.
-        like: From a drive and the room to the point whose drive is most like it; none where it has a form of its own.
+        like: From a drive and the room to points whose drives are most like it; none where it has a form of its own.
     """
 
     name: str
@@ -115,7 +115,7 @@ class Manoeuvre:
     kind: str
     free: int
     options: Callable[[Floats, SearchRange], Options]
-    like: Callable[[Profile, SearchRange], Floats] | None = None
+    like: Callable[[Profile, SearchRange], list[Floats]] | None = None
 
     def drive(self, point: Floats, room: SearchRange, name: str) -> DriveSpec:
         """Return the drive at a point ``(free,)`` of the unit cube."""
@@ -235,10 +235,11 @@ _EVERY = 5
 
 def _spline(p: Floats, room: SearchRange) -> Options:
     speed = room.speed(p[1])
-    limits, (steering, speeds) = room.limits, np.split(p[3:], [_STEERING])
+    limits, (steering, speeds) = room.limits, np.split(p[4:], [_STEERING])
     factors = [between(1.0 / _FASTER, _FASTER, float(share)) for share in speeds]
     allowed = np.clip(factors, limits.lowest_speed / speed, limits.highest_speed / speed)
-    duration = room.duration(speed * max(1.0, float(allowed.max())))
+    longest = room.duration(speed * max(1.0, float(allowed.max())))
+    duration = math.floor(10.0 * between(room.shortest, longest, p[3]) + 1e-6) / 10.0
     return {
         "speed": speed, "amplitude": room.angle(p[0], speed), "steering": _text(2.0 * steering - 1.0),
         "spacing": between(_CLOSEST, _WIDEST, p[2]), "speeds": _text(allowed), "duration": duration,
@@ -249,8 +250,8 @@ def _text(points: Floats) -> str:
     return " ".join(f"{value:.3g}" for value in points)
 
 
-def _as_spline(profile: Profile, room: SearchRange) -> Floats:
-    """Return the spline that misses least of the steering of a drive, and the speed of that."""
+def _as_spline(profile: Profile, room: SearchRange) -> list[Floats]:
+    """Return the spline that misses least of the steering of a drive, with its speed, as long and repeated on."""
     speed, t, wheel = (a[::_EVERY] for a in (profile.speed, profile.time - LEAD_IN, profile.steering_wheel_angle))
     low, high, largest = 0.0, 1.0, room.angle(1.0, float(speed[0]))
     for _ in range(_FINER):  # many periods are in step only where the spacing is right
@@ -261,14 +262,19 @@ def _as_spline(profile: Profile, room: SearchRange) -> Floats:
         best = int(np.argmin(missed))
         low, high = shares[max(best - 1, 0)], shares[min(best + 1, _SPACINGS - 1)]
     changes = np.linalg.lstsq(spline.weights(t * (_SPEEDS / t[-1]), _SPEEDS), speed / speed[0] - 1.0, rcond=None)
-    amplitude = float(np.abs(solved[best]).max())
-    return np.array([
-        room.angle_share(amplitude, speed[0]),
-        share_between(room.limits.lowest_speed, room.limits.highest_speed, speed[0]),
-        shares[best],
-        *(0.5 + 0.5 * solved[best] / max(amplitude, 1e-9)),
-        *(share_between(1.0 / _FASTER, _FASTER, 1.0 + float(c)) for c in changes[0]),
-    ])  # fmt: skip
+    amplitude, longest = float(np.abs(solved[best]).max()), room.duration(float(profile.speed.max()))
+    lasts = dict.fromkeys([share_between(room.shortest, longest, float(profile.time[-1])), 1.0])
+    return [
+        np.array([
+            room.angle_share(amplitude, speed[0]),
+            share_between(room.limits.lowest_speed, room.limits.highest_speed, speed[0]),
+            shares[best],
+            last,
+            *(0.5 + 0.5 * solved[best] / max(amplitude, 1e-9)),
+            *(share_between(1.0 / _FASTER, _FASTER, 1.0 + float(c)) for c in changes[0]),
+        ])
+        for last in lasts
+    ]  # fmt: skip
 
 
 MANOEUVRES: tuple[Manoeuvre, ...] = (
@@ -282,7 +288,7 @@ MANOEUVRES: tuple[Manoeuvre, ...] = (
     Manoeuvre("lane-change", "ISO 3888, double lane change", "lane_change", 3, _lane_change),
     Manoeuvre("dwell", "ISO 19365, sine with dwell", "sine_with_dwell", 2, _dwell),
     Manoeuvre("brake", "ISO 7975, braking in a turn, steering held", "brake_in_turn", 3, _brake),
-    Manoeuvre("spline", "free steering and speed", "spline", 3 + _STEERING + _SPEEDS, _spline, _as_spline),
+    Manoeuvre("spline", "free steering and speed", "spline", 4 + _STEERING + _SPEEDS, _spline, _as_spline),
 )
 
 
