@@ -217,6 +217,9 @@ def _brake(p: Floats, room: SearchRange) -> Options:
     }  # fmt: skip
 
 
+SPLINE = "spline"
+"""Its kind."""
+
 _STEERING, _SPEEDS = 12, 3
 """Control points of a spline."""
 
@@ -288,7 +291,7 @@ MANOEUVRES: tuple[Manoeuvre, ...] = (
     Manoeuvre("lane-change", "ISO 3888, double lane change", "lane_change", 3, _lane_change),
     Manoeuvre("dwell", "ISO 19365, sine with dwell", "sine_with_dwell", 2, _dwell),
     Manoeuvre("brake", "ISO 7975, braking in a turn, steering held", "brake_in_turn", 3, _brake),
-    Manoeuvre("spline", "free steering and speed", "spline", 4 + _STEERING + _SPEEDS, _spline, _as_spline),
+    Manoeuvre("spline", "free steering and speed", SPLINE, 4 + _STEERING + _SPEEDS, _spline, _as_spline),
 )
 
 

@@ -15,6 +15,7 @@ from harness.experiment.design import TriedDrive
 from harness.experiment.files import RESULT, contents, names_of, remove_earlier, written_to
 from harness.experiment.kept_drives import KeptDrives
 from harness.experiment.limits import UNITS, Limits, stated
+from harness.experiment.manoeuvres import SPLINE
 from harness.experiment.run import Designed
 from harness.models.quantities import listed, print_unit, words
 from harness.models.roles import DRIVES
@@ -88,7 +89,9 @@ def _for_driver(designed: Designed) -> list[Block]:
             number(np.abs(tried.rehearsed.motion.lateral_acceleration).max(initial=0.0)),
         ])  # fmt: skip
         caption = f"{name}: path from above, steering wheel, speed and lateral acceleration. Dashed: limits."
-        drawings.append(Drawing(partial(_draw, tried, designed.task.limits, name), caption, f"The drive {name}"))
+        bodies = list(designed.plant.model().bodies)
+        draw = partial(_draw, tried, designed.task.limits, name, bodies if len(bodies) > 1 else [])
+        drawings.append(Drawing(draw, caption, f"The drive {name}"))
     ways = [
         f"{name}: {_free(t)}. Enter straight ahead at {_for_driver_in(t.rehearsed.profile.speed[0], 'm/s')}; "
         f"at the end the wheel stands at {_for_driver_in(t.rehearsed.profile.steering_wheel_angle[-1], 'rad')}."
@@ -108,14 +111,15 @@ def _for_driver(designed: Designed) -> list[Block]:
             else []
         ),
         f"Limits: {_limits(designed.task.limits, len(model.bodies) > 1)}.",
-        f"A steering robot takes {listed([f'{n}.csv' for n in names_of(designed)])}.",
+        f"A steering robot takes {listed([f'{n}.csv' for n in names_of(designed)])}. By hand the drawing need not be "
+        "met within the limits: what is recorded counts.",
     ]
     sheet = Sheet(header, rows, "The drives in their order.", left=2)
     return [sheet, Bullets([plain(way) for way in ways]), *drawings, Bullets([plain(n) for n in notes])]
 
 
-def _draw(tried: TriedDrive, limits: Limits, name: str) -> bytes:
-    """Draw the path from above, and steering, speed and lateral acceleration over time."""
+def _draw(tried: TriedDrive, limits: Limits, name: str, bodies: Sequence[str]) -> bytes:
+    """Draw the path from above, and steering, speed and lateral acceleration over time, of several bodies named."""
     profile, motion = tried.rehearsed.profile, tried.rehearsed.motion
     with style.drawing():
         fig = style.figure(4.6)
@@ -134,6 +138,8 @@ def _draw(tried: TriedDrive, limits: Limits, name: str) -> bytes:
             _over_time(lateral, profile.time, accelerations, "lateral acceleration, m/s²")
         for sign in (-1, 1):
             lateral.axhline(sign * limits.lateral_acceleration, color="black", ls="--")
+        if len(bodies) == len(motion.lateral_acceleration):
+            lateral.legend(lateral.get_lines()[: len(bodies)], [words(body) for body in bodies])
         style.head(fig, f"{name}: {tried.manoeuvre.standard}")
         return style.svg(fig)
 
@@ -172,13 +178,14 @@ _SHOWN = {"m/s": (3.6, "km/h"), "rad": (np.degrees(1.0), "°"), "rad/s": (np.deg
 _NARROW = 0.1
 """Width over length of a path below which its drawing stretches the width."""
 
-_NOT_SHOWN = (
-    "lead_in", "lateral_acceleration_limit", "duration", "fade", "transition", "seed", "steering", "spacing", "speeds",
-)  # fmt: skip
+_NOT_SHOWN = ("lead_in", "lateral_acceleration_limit", "duration", "fade", "transition", "seed")
 
 
 def _free(t: TriedDrive) -> str:
-    drive = t.rehearsed.drive
+    drive, profile = t.rehearsed.drive, t.rehearsed.profile
+    if drive.kind == SPLINE:
+        angle = _for_driver_in(float(np.abs(profile.steering_wheel_angle).max()), "rad")
+        return f"steering and speed as drawn, from {_for_driver_in(drive.options['speed'], 'm/s')}, at most {angle}"
     units = {o.name: o.unit for o in DRIVES.load(drive.kind).OPTIONS}
     options = {k: v for k, v in drive.options.items() if k not in _NOT_SHOWN}
     return ", ".join(

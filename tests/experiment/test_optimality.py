@@ -14,6 +14,7 @@ from harness.experiment.information import EstimationGoal, KeptFit, log_error, o
 from harness.experiment.limits import Limits
 from harness.experiment.manoeuvres import SearchRange, chosen
 from harness.experiment.rehearsal import Rehearsal
+from harness.experiment.rival_filter import Parabolas
 from harness.simulation.drives import profile_of
 from support.identification import CAR, model_of
 
@@ -70,6 +71,33 @@ def test_of_what_is_not_known_the_error_is_infinite():
     information = np.diag([4.0, 0.0])
     assert math.isinf(log_error(open_covariance(information, [0, 1]), "D", np.ones(2)))
     assert log_error(open_covariance(information, [0]), "A", np.ones(1)) == pytest.approx(math.log(0.5))
+
+
+def test_the_discrimination_of_box_and_hill_goes_to_that_of_hunter_and_reiner():
+    """Of models whose predictions are certain the largest difference discriminates best, whatever the noise.
+
+    With uncertain ones it is the difference over its own standard deviation (Box and Hill 1967, (3.10); Hunter and
+    Reiner 1965); what the rival takes up by its parameter is that uncertainty.
+    """
+    x = np.linspace(0.05, 3.0, 60)
+    difference, slope, noise = np.exp(-x) - 1.0 + 0.5 * x, x, 0.1
+
+    def left(std):
+        parts = [(d / noise, s / noise) for d, s in zip(difference, slope, strict=True)]
+        return np.array([
+            (p := Parabolas(np.array([w**2]), np.array([[w * j]]), np.array([[[j**2 + std**-2.0]]]))).at(*p.best())
+            for w, j in parts
+        ]).ravel()  # fmt: skip
+
+    def box_hill(std):
+        certain, rival = noise**2, noise**2 + (slope * std) ** 2
+        apart = (rival - certain) ** 2 / (certain * rival) + difference**2 * (1 / certain + 1 / rival)
+        return apart, difference**2 / rival
+
+    hunter_reiner = int(np.argmax(np.abs(difference)))
+    for std in (1e-4, 0.02, 0.3):
+        np.testing.assert_allclose(left(std), box_hill(std)[1], rtol=1e-6)
+    assert np.argmax(left(1e-4)) == np.argmax(box_hill(1e-4)[0]) == hunter_reiner
 
 
 def fitted(**keys):
