@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-import shutil
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -22,10 +21,9 @@ from threading import Lock
 
 import numpy as np
 
-from harness.common import places, sources
+from harness.common import sources
 from harness.common.arrays import Floats, Mask
-from harness.common.errors import UserError
-from harness.common.files import refuse_damaged
+from harness.common.kept_arrays import KeptArrays
 from harness.diagnosis.criteria import BLOCK
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.identification.coordinates import (
@@ -368,6 +366,7 @@ class KeptFits:
 
     def __init__(self, folder: Path | None = None) -> None:
         self.folder, self.taken, self.written = folder, 0, 0
+        self._arrays = KeptArrays(folder)
         self._basis: dict[int, bytes] = {}
         self._met: set[str] = set()  # a search that comes by the same way again asks for the same fits
         self._counting = Lock()  # candidates are fitted in threads
@@ -387,11 +386,11 @@ class KeptFits:
         if self.folder is None:
             return fitting.fit(moved, start, *how)
         key = self._key(fitting, moved, start, how)
-        file = self.folder / f"{key}.npz"
-        kept = _read(file, moved)
+        kept = _fit_of(self._arrays.read(key), moved)
         fitted = kept or fitting.fit(moved, start, *how)
         if kept is None:
-            self._write(file, fitted)
+            point, numbers = fitted.point, [fitted.log_likelihood, fitted.objective, fitted.ended]
+            self._arrays.write(key, [point.values, point.process, point.measurement, np.array(numbers)])
         with self._counting:
             self.taken += kept is not None and key not in self._met
             self.written += kept is None
@@ -413,29 +412,16 @@ class KeptFits:
             total.update(np.ascontiguousarray(part).tobytes())
         return total.hexdigest()[:32]
 
-    def _write(self, file: Path, fitted: FittedHypothesis) -> None:
-        numbers = np.array([fitted.log_likelihood, fitted.objective, fitted.ended])
-        try:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            point = fitted.point
-            with places.unfinished(file, file.with_suffix(".part").name) as stream:
-                np.savez(stream, point.values, point.process, point.measurement, numbers)
-        except OSError as error:
-            raise UserError(f"{file.parent}: cannot be written: {error.strerror or error}") from None
-
     def remove(self) -> None:
         """Remove what is kept: the trace is finished."""
-        if self.folder is not None:
-            shutil.rmtree(self.folder, ignore_errors=True)
+        self._arrays.remove()
 
 
-def _read(file: Path, moved: tuple[Coordinate, ...]) -> FittedHypothesis | None:
-    """Return a fit that was kept; ``None`` if it is not there or was cut off."""
-    try:
-        with refuse_damaged(file, "fit"), np.load(file) as kept:
-            values, process, measurement, numbers = (kept[f"arr_{i}"] for i in range(4))
-    except (OSError, UserError):
+def _fit_of(arrays: Sequence[Floats] | None, moved: tuple[Coordinate, ...]) -> FittedHypothesis | None:
+    """Return a fit that was kept; ``None`` of none."""
+    if arrays is None:
         return None
+    values, process, measurement, numbers = arrays
     return FittedHypothesis(
         moved, ParameterPoint(values, process, measurement), float(numbers[0]), float(numbers[1]), bool(numbers[2])
     )
