@@ -175,6 +175,9 @@ MODULES: dict[str, Small | Begun | By] = {
     "bench.next_drive_proof": Begun(
         "--draws 1 --out out", "harness.diagnosis.run.augmented_model_of", "vehicle='car'", "minutes"
     ),
+    "bench.next_drive_ratios": Begun(
+        "--cases 1", "harness.diagnosis.run.augmented_model_of", "vehicle='car'", "ten minutes"
+    ),
     "bench.notebooks": By("package/test_notebooks.py::test_it_runs"),
     "bench.peers": By("test_programs.py::test_the_peers_are_measured_where_they_are_installed"),
     "bench.quasi_monte_carlo": Small(
