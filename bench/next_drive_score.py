@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, product
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -45,6 +46,9 @@ OF_RECORDING = frozenset(
 PAGE = Path(__file__).parents[1] / "docs" / "next-drive.md"
 PICTURE = "next-drive-reliability.svg"
 MARKS = ("<!-- written by python -m bench.next_drive_proof -->", "<!-- end -->")
+
+_WIDTH = 120
+"""Columns of a line of the page."""
 
 Name = tuple[frozenset[str], frozenset[str]]
 """Effects that a model has, and the parameters that it moves."""
@@ -242,7 +246,8 @@ def table(scored: Scored) -> str:
         line += f"{sum(o.held for o in own)} of them with the right name among those planned for."
         if scored.alone[group]:
             line += f" In {scored.alone[group]} no name stands though one model is left, so that nothing is planned."
-        lines.append(line + (f" {scored.failed[group]} ended in an error." if scored.failed[group] else ""))
+        line += f" {scored.failed[group]} ended in an error." if scored.failed[group] else ""
+        lines.append(fill(line, _WIDTH, subsequent_indent="  "))
     if not scored.opened:
         return "\n".join(lines) + "\n"
     more = [
@@ -251,7 +256,7 @@ def table(scored: Scored) -> str:
         if not other.startswith(ARMS[0])
         for mean, low, high in [difference(scored.opened, ARMS[0], other)]
     ]
-    lines += ["", *_rows(scored), "", f"Designed, paired over all cases: {', '.join(more)}."]
+    lines += ["", *_rows(scored), "", fill(f"Designed, paired over all cases: {', '.join(more)}.", _WIDTH)]
     return "\n".join(lines) + "\n"
 
 
