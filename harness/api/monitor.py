@@ -91,9 +91,9 @@ class TrustMonitor(Shown):
     @property
     def answer(self) -> str:
         """The result in sentences."""
-        from harness.remedy.monitor.answer import answer
+        from harness.remedy.monitor.answer import in_short
 
-        return answer(self._counted)
+        return " ".join(in_short(self._counted))
 
     @property
     def counts(self) -> pd.DataFrame:

@@ -318,6 +318,10 @@ class Study(Shown):
             raise UserError("scheduler says which workers run the study; leave out dask and jobs")
         if device != "cpu" and (scheduler is not None or dask is not None or jobs is not None):
             raise UserError("a graphics card runs the study by itself; leave out scheduler, dask and jobs")
+        if self.spec.monitor is not None:
+            from harness.remedy.monitor.run import window_of
+
+            window_of(self.spec, self.spec.monitor)  # before hours of runs
         with contextlib.ExitStack() as stack:
             client = None
             if scheduler is not None or dask is not None:
@@ -329,12 +333,16 @@ class Study(Shown):
             run_study(self.spec, folder, jobs, client=client, agree=agree, restart=restart, device=device)
         if self.spec.monitor is not None:
             from rich.console import Console
+            from rich.text import Text
 
             from harness.common.stages import showing
             from harness.remedy.monitor.of_study import write
 
-            with showing(Console(stderr=True), "looking at what is counted of trust monitors") as show:
-                write(self.spec, folder, jobs, show)
+            console = Console(stderr=True)
+            with showing(console, "looking at what is counted of trust monitors") as show:
+                missing = write(self.spec, folder, jobs, show)
+            for sentence in missing:
+                console.print(Text(sentence), soft_wrap=True)
         return open_results(folder)
 
     def _facts(self) -> dict[str, Any]:

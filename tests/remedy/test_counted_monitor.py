@@ -16,7 +16,7 @@ from harness.config import build_study
 from harness.config.specs import MonitorSpec
 from harness.engine.simd.lanes import LANES
 from harness.realtime.export import run
-from harness.remedy.monitor.answer import answer, sentences
+from harness.remedy.monitor.answer import in_short, sentences
 from harness.remedy.monitor.run import count_monitor
 from harness.runner.contract import Held, InputSeries
 from harness.runner.monitor import REASONS, Watching
@@ -54,7 +54,7 @@ def test_bounds_are_from_runs_as_believed_and_counts_from_others(counted):
     assert monitor.inputs["speed"] == (15.0, 15.0)
     assert monitor.rates["speed"] == (0.0, 0.0)
     assert "The speed never changes" in sentences(counted)[-1]
-    assert sentences(counted)[-1] in answer(counted)
+    assert sentences(counted)[-1] in in_short(counted)
     low, high = monitor.rates["steering_wheel_angle"]
     assert -10.0 < low < -0.05
     assert 0.05 < high < 10.0  # rad/s, not per sample
@@ -79,7 +79,7 @@ def test_a_car_with_its_mass_elsewhere_is_in_error_and_said_to_be(counted):
     assert counted.delay(other.counts[0]) < 2.0
     text = " ".join(sentences(counted))
     assert "At CoG to front axle +40 % the lateral velocity is wrong by more than 0.013 m/s in" in text
-    assert answer(counted).split()[0] == "Where"
+    assert in_short(counted)[0].split()[0] == "Where"
 
 
 @needs_compiler
@@ -188,9 +188,9 @@ def test_what_cannot_be_counted_is_said_in_one_line(tmp_path):
         count_monitor(study, MonitorSpec({"lateral_velocity": 1e-9}, 1.0, 600.0), jobs=1)
     with pytest.raises(UserError, match="none of that name"):
         count_monitor(study, MonitorSpec(LIMITS), "ukf")
-    with pytest.raises(UserError, match="no window of samples"):
+    with pytest.raises(UserError, match="holds no two samples"):
         count_monitor(study, MonitorSpec(LIMITS, 0.01), jobs=1)
-    with pytest.raises(UserError, match="--window 1000 s: no drive of study 'foreign' is scored for longer than"):
+    with pytest.raises(UserError, match="window of 1000 s: no drive of study 'foreign' is scored for longer than"):
         count_monitor(study, MonitorSpec(LIMITS, 1000.0), jobs=1)
     with pytest.raises(UserError, match="--limit yaw_speed: study 'foreign' has no such target"):
         harness.count_monitor(

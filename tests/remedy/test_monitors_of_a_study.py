@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from pathlib import Path
 
 import pytest
@@ -92,8 +93,9 @@ def test_each_monitor_is_a_file_that_an_export_prints(finished):
         assert all(" ".join(sentence.split()) in header for sentence in says)
 
 
-def test_what_is_counted_is_not_counted_again_but_where_another_thing_is_asked(finished, monkeypatch):
-    folder, _ = finished
+def test_what_is_counted_is_not_counted_again_but_where_another_thing_is_asked(finished, tmp_path, monkeypatch):
+    folder, out = finished[0], tmp_path / "out"
+    shutil.copytree(folder / "out", out)
     asked = []
 
     def counted(study, spec, name, jobs, say):
@@ -102,18 +104,39 @@ def test_what_is_counted_is_not_counted_again_but_where_another_thing_is_asked(f
 
     monkeypatch.setattr(of_study, "count_monitor", counted)
     study = load_study(folder / "watched.toml")
-    of_study.write(study, folder / "out", 1, print)
+    of_study.write(study, out, 1, print)
     assert asked == []
     other = build_study(with_monitor(within="1 s"), folder / "watched.toml")
     assert other.hash == study.hash
-    before = (folder / "out" / trust_file.FILE).read_text()
-    of_study.write(other, folder / "out", 1, print)
+    of_study.write(other, out, 1, print)
     assert asked == [("EKF", 1.0)]  # the first where none is named
-    trust = trust_file.read(folder / "out", study.hash)
+    trust = trust_file.read(out, study.hash)
     assert trust.estimators[0].says == ("nothing to calibrate on",)
-    kinds = [type(block).__name__ for block in section.blocks(Analysis(read(folder / "out")))]
+    kinds = [type(block).__name__ for block in section.blocks(Analysis(read(out)))]
     assert kinds == ["Prose", "Heading", "Bullets"]
-    (folder / "out" / trust_file.FILE).write_text(before)
+    assert not list(out.glob("monitor-*.toml"))  # of what was asked for before
+
+
+def test_estimators_with_the_same_name_in_c_have_a_file_each():
+    names = ["EKF, tuned", "EKF (tuned)", "UKF", "ekf tuned"]
+    files = ["monitor-ekf_tuned.toml", "monitor-ekf_tuned_2.toml", "monitor-ukf.toml", "monitor-ekf_tuned_3.toml"]
+    assert of_study.files_of(names) == files
+
+
+def test_a_window_longer_than_all_drives_is_refused_before_the_run(tmp_path):
+    (tmp_path / "watched.toml").write_text(toml_text(with_monitor(window="1000 s")))
+    with pytest.raises(UserError, match="window of 1000 s: no drive of study 'watched' is scored for longer than"):
+        harness.read_study(tmp_path / "watched.toml").run(tmp_path / "out", jobs=1)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_run_says_of_which_estimator_there_is_no_monitor(finished, tmp_path, capsys):
+    shutil.copytree(finished[0] / "out", tmp_path / "out")
+    (tmp_path / "watched.toml").write_text(toml_text(with_monitor(limits={"lateral_velocity": 1e-9})))
+    harness.read_study(tmp_path / "watched.toml").run(tmp_path / "out", jobs=1)
+    assert (
+        "no monitor of 'EKF': estimator 'EKF' keeps the limits of lateral_velocity in 0 of" in capsys.readouterr().err
+    )
 
 
 @pytest.mark.parametrize("content", ["{", "[]", '{"within": 3}', '{"within": 1, "estimators": [{"estimator": "EKF"}]}'])

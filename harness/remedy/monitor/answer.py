@@ -135,7 +135,7 @@ def _could(information: ParameterInformation) -> str:
     )
 
 
-def answer(counted: Counted) -> str:
+def in_short(counted: Counted) -> list[str]:
     """Return the result in a few sentences: false alarms, the worst level of each target, and what is not seen."""
     worst = [_detections(counted, t)[0] for t in range(len(counted.targets))]
-    return " ".join([_false_alarms(counted), *worst, *_blind(counted), *_unvaried(counted)])
+    return [_false_alarms(counted), *worst, *_blind(counted), *_unvaried(counted)]

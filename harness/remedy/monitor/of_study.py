@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from harness.common.places import reached
 from harness.common.statistics import Interval
 from harness.config import StudySpec
 from harness.realtime.export.interface import identifier
-from harness.remedy.monitor.answer import valued
+from harness.remedy.monitor.answer import in_short, valued
 from harness.remedy.monitor.counts import Counts, per_hour, roc
 from harness.remedy.monitor.outcome import Counted
 from harness.remedy.monitor.run import count_monitor
@@ -24,8 +25,10 @@ from harness.study.trust_file import EstimatorTrust, LevelTrust, StudyTrust, Tar
 _NONE = Interval(float("nan"), float("nan"), float("nan"))
 
 
-def write(study: StudySpec, folder: Path, jobs: int | None, say: Callable[[str], None]) -> None:
+def write(study: StudySpec, folder: Path, jobs: int | None, say: Callable[[str], None]) -> list[str]:
     """Count the monitors of a study where they are not there yet: ``monitor.json``, and one file to export of each.
+
+    Files of monitors that were asked for before are removed. Returns why there is none of an estimator, in sentences.
 
     Args:
         study: The study.
@@ -38,20 +41,36 @@ def write(study: StudySpec, folder: Path, jobs: int | None, say: Callable[[str],
     """
     assert study.monitor is not None
     with reached(folder):
-        if trust_file.asked_of(study).items() <= trust_file.content_of(folder).items():
-            return
-    counted, files = [], {}
+        before = trust_file.content_of(folder)
+    if trust_file.asked_of(study).items() <= before.items():
+        return []
+    counted, missing, texts = [], [], {}
     for name in study.monitor.estimators:
         try:
             monitor = count_monitor(study, study.monitor, name, jobs, partial(_of, name, say))
-        except UserError as error:  # which the report says: the study itself is done
+        except UserError as error:  # which the report says as well: the study itself is done
             counted.append(EstimatorTrust(name, (str(error),), _NONE, ()))
+            missing.append(f"no monitor of '{name}': {error}")
             continue
         counted.append(trust_of(monitor))
-        files[f"monitor-{identifier(name)}.toml"] = monitor.monitor.text
+        texts[name] = monitor.monitor.text
     with reached(folder):
-        write_files(folder, files)
+        for old in files_of([each["estimator"] for each in before.get("estimators", ()) if each["targets"]]):
+            (folder / old).unlink(missing_ok=True)
+        write_files(folder, dict(zip(files_of(texts), texts.values(), strict=True)))
         trust_file.write(folder, study, StudyTrust(study.monitor.within, tuple(counted)))
+    return missing
+
+
+def files_of(estimators: Iterable[str]) -> list[str]:
+    """Return the file names of monitors; where estimators have the same name in C, with a number behind it."""
+    files: list[str] = []
+    for word in map(identifier, estimators):
+        names = (
+            f"monitor-{word}{number}.toml" for number in itertools.chain([""], map("_{}".format, itertools.count(2)))
+        )
+        files.append(next(name for name in names if name not in files))
+    return files
 
 
 def _of(name: str, say: Callable[[str], None], words: str) -> None:
@@ -62,7 +81,7 @@ def trust_of(counted: Counted) -> EstimatorTrust:
     """Return how often a monitor is right, as a report shows it."""
     rate = per_hour(counted.kept[0], counted.monitor.step)[0] if counted.kept else _NONE
     targets = tuple(_target(counted, t) for t in range(len(counted.targets)))
-    return EstimatorTrust(counted.study.estimators[0].name, tuple(counted.monitor.says), rate, targets)
+    return EstimatorTrust(counted.study.estimators[0].name, tuple(in_short(counted)), rate, targets)
 
 
 def _target(counted: Counted, t: int) -> TargetTrust:

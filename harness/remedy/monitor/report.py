@@ -6,7 +6,7 @@ from pathlib import Path
 
 from harness.common.files import write_files
 from harness.models.quantities import listed, quantity, words
-from harness.remedy.monitor.answer import valued
+from harness.remedy.monitor.answer import in_short, valued
 from harness.remedy.monitor.bounds import independent
 from harness.remedy.monitor.of_study import trust_of
 from harness.remedy.monitor.outcome import Counted
@@ -46,10 +46,8 @@ def write_monitor(counted: Counted, out: Path, command: str) -> list[Path]:
 
 
 def _answer(counted: Counted) -> list[Block]:
-    first, *further = counted.monitor.says
-    blocks: list[Block] = (
-        [Prose(strong(first)), Bullets([plain(text) for text in further])] if further else [Prose(strong(first))]
-    )
+    first, *further = in_short(counted)
+    blocks: list[Block] = [Prose(strong(first)), Bullets([plain(text) for text in further])]
     return [*blocks, *figures(_trust(counted))]
 
 

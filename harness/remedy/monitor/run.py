@@ -87,15 +87,8 @@ def count_monitor(
             raise UserError(f"--limit {name}: give an error above zero, not {limit:g}")
     say("building models and drives")
     lengths = _lengths(study)
-    if asked.window > max(lengths) - study.score_after:
-        raise UserError(
-            f"--window {asked.window:g} s: no drive of study '{study.name}' is scored for longer than "
-            f"{max(lengths) - study.score_after:g} s; take a shorter one"
-        )
+    step, window = study.belief.step, window_of(study, asked)
     watcher = Watcher(study, estimator, asked.limits, _repeats(lengths, asked))
-    step, window = study.belief.step, round(asked.window / study.belief.step)
-    if window < 2:
-        raise UserError(f"--window {asked.window:g} s: that is no window of samples of {step:g} s; take a longer one")
     with ThreadPoolExecutor(jobs or os.cpu_count()) as pool:
         say("calibrating on runs as believed")
         envelope = _calibrate(watcher, pool, window, asked.per_hour)
@@ -121,6 +114,25 @@ def count_monitor(
         of_drives,
     )  # fmt: skip
     return dataclasses.replace(result, monitor=dataclasses.replace(monitor, says=sentences(result)))
+
+
+def window_of(study: StudySpec, asked: MonitorSpec) -> int:
+    """Return the samples of a window.
+
+    Raises:
+        UserError: If it is shorter than two samples, or longer than any drive is scored.
+    """
+    step, longest = study.belief.step, max(_lengths(study)) - study.score_after
+    if asked.window > longest:
+        raise UserError(
+            f"a monitor's window of {asked.window:g} s: no drive of study '{study.name}' is scored for longer than "
+            f"{longest:g} s; take a shorter one"
+        )
+    if round(asked.window / step) < 2:
+        raise UserError(
+            f"a monitor's window of {asked.window:g} s holds no two samples of {step:g} s; take a longer one"
+        )
+    return round(asked.window / step)
 
 
 def check_target(study: StudySpec, name: str) -> None:

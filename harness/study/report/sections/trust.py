@@ -146,9 +146,9 @@ def tables(trust: StudyTrust) -> list[Block]:
                 caption += (
                     f" Share of the samples in error; of these, at which an alarm stands or begins within {within}, "
                     "and at which the estimate is not trusted at once for any reason (level 1 or 2); delay of the "
-                    "first alarm behind the first error, median over runs; area under the curve with its interval at "
-                    "95 % (whole runs drawn with replacement); and share of the samples without error that are in an "
-                    "alarm."
+                    "first alarm behind the first error, median over runs (never: in half of them none follows); area "
+                    "under the curve with its interval at 95 % (whole runs drawn with replacement); and share of the "
+                    "samples without error that are in an alarm."
                 )
             content.append(Sheet(header, rows, capital(caption), left=2))
     return content
