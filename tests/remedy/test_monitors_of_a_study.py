@@ -13,7 +13,7 @@ from harness.common.files import toml_text
 from harness.config import build_study, load_study
 from harness.realtime.export import run
 from harness.remedy import choices
-from harness.remedy.monitor import of_study
+from harness.remedy.monitor import of_study, sensors
 from harness.study import run_file, trust_file
 from harness.study.report import report
 from harness.study.report.analysis import Analysis
@@ -98,7 +98,7 @@ def test_what_is_counted_is_not_counted_again_but_where_another_thing_is_asked(f
     shutil.copytree(folder / "out", out)
     asked = []
 
-    def counted(study, spec, name, jobs, say):
+    def counted(study, spec, name, jobs, say, computed):
         asked.append((name, spec.within))
         raise UserError("nothing to calibrate on")
 
@@ -121,6 +121,22 @@ def test_estimators_with_the_same_name_in_c_have_a_file_each():
     names = ["EKF, tuned", "EKF (tuned)", "UKF", "ekf tuned"]
     files = ["monitor-ekf_tuned.toml", "monitor-ekf_tuned_2.toml", "monitor-ukf.toml", "monitor-ekf_tuned_3.toml"]
     assert of_study.files_of(names) == files
+
+
+def test_what_measurements_tell_of_a_parameter_is_computed_once_for_all_estimators(monkeypatch):
+    study, asked, shares = load_study(ROOT / "studies" / "mass.toml"), [], {}
+
+    def remaining(changed, drivers):
+        asked.append(changed.plant.sensors)
+        return [[0.3 if len(asked) == 1 else 0.02]]
+
+    monkeypatch.setattr(sensors, "remaining_shares", remaining)
+    first = sensors.parameter_information(study, "UKF", shares)
+    computed = len(asked)
+    assert first[0].own == 0.3
+    assert computed == len(shares) > 1
+    assert sensors.parameter_information(study, "EKF, tuned", shares) == first
+    assert len(asked) == computed
 
 
 def test_a_window_longer_than_all_drives_is_refused_before_the_run(tmp_path):

@@ -19,6 +19,7 @@ from harness.remedy.monitor.answer import in_short, valued
 from harness.remedy.monitor.counts import Counts, per_hour, roc
 from harness.remedy.monitor.outcome import Counted
 from harness.remedy.monitor.run import count_monitor
+from harness.remedy.monitor.sensors import Shares
 from harness.study import trust_file
 from harness.study.trust_file import EstimatorTrust, LevelTrust, StudyTrust, TargetTrust
 
@@ -45,9 +46,10 @@ def write(study: StudySpec, folder: Path, jobs: int | None, say: Callable[[str],
     if trust_file.asked_of(study).items() <= before.items():
         return []
     counted, missing, texts = [], [], {}
+    shares: Shares = {}
     for name in study.monitor.estimators:
         try:
-            monitor = count_monitor(study, study.monitor, name, jobs, partial(_of, name, say))
+            monitor = count_monitor(study, study.monitor, name, jobs, partial(_of, name, say), shares)
         except UserError as error:  # which the report says as well: the study itself is done
             counted.append(EstimatorTrust(name, (str(error),), _NONE, ()))
             missing.append(f"no monitor of '{name}': {error}")

@@ -24,7 +24,7 @@ from harness.remedy.monitor.bounds import Calibrated, calibrated, peaks
 from harness.remedy.monitor.counts import Counts, area, counted, joined
 from harness.remedy.monitor.outcome import Counted, Level
 from harness.remedy.monitor.runs import WatchedRun, Watcher
-from harness.remedy.monitor.sensors import parameter_information
+from harness.remedy.monitor.sensors import Shares, parameter_information
 from harness.runner.monitor import Bounds, bounds_of
 from harness.study.design import Unit
 
@@ -63,6 +63,7 @@ def count_monitor(
     estimator: str | None = None,
     jobs: int | None = None,
     say: Callable[[str], None] = lambda _: None,
+    computed: Shares | None = None,
 ) -> Counted:
     """Calibrate a monitor and count its alarms.
 
@@ -72,6 +73,7 @@ def count_monitor(
         estimator: Name of an estimator; the first by default.
         jobs: Worker threads; by default one per core.
         say: Informed of what is going on.
+        computed: What was computed with other estimators of the study already, added to.
 
     Raises:
         UserError: If there is no such estimator, no limit, or no run as believed that keeps the limits.
@@ -104,9 +106,10 @@ def count_monitor(
                 areas = [area(right, wrong, study.seed) for right, wrong in zip(believed, counts, strict=True)]
                 levels.append(Level(design.name, label, tuple(counts), tuple(areas)))
     blind = any(level.is_blind(t) for level in levels for t in range(len(watcher.targets)))
+    shares: Shares = {} if computed is None else computed
     if blind:
         say("what measurements tell of the parameters")
-    shown = tuple(parameter_information(study, watcher.study.estimators[0].name)) if blind else ()
+    shown = tuple(parameter_information(study, watcher.study.estimators[0].name, shares)) if blind else ()
     drives = tuple(d.name for d in study.drives)
     of_drives = envelope.kept, tuple(d for d in drives if d not in envelope.kept)
     result = Counted(

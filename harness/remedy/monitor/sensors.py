@@ -31,10 +31,19 @@ class ParameterInformation:
     others: dict[str, float]
 
 
-def parameter_information(study: StudySpec, estimator: str) -> list[ParameterInformation]:
+Shares = dict[tuple[str, Equipment | None], float]
+"""Share of its deviation that an equipment leaves of a parameter: of a study, the same for all of its estimators."""
+
+
+def parameter_information(study: StudySpec, estimator: str, computed: Shares) -> list[ParameterInformation]:
     """Return what measurements tell of each parameter that the first design varies, from the Fisher information.
 
     No statistic of the innovations tells more of it: they are a function of the same measurements.
+
+    Args:
+        study: The study.
+        estimator: Name of one that has to be able to estimate the parameter.
+        computed: Shares of this study that are there already; those that are not are added.
     """
     results = []
     for factor in choices.parameters(study):
@@ -42,7 +51,7 @@ def parameter_information(study: StudySpec, estimator: str) -> list[ParameterInf
         own = None
         larger = [e for e in choices.equipments(study) if not set(e.added) & set(study.targets)]
         for equipment in (None, *larger):
-            share = _share(study, estimator, factor.parameter, equipment)
+            share = _share(study, estimator, factor.parameter, equipment, computed)
             if share is None:
                 continue
             if equipment is None:
@@ -55,10 +64,14 @@ def parameter_information(study: StudySpec, estimator: str) -> list[ParameterInf
     return results
 
 
-def _share(study: StudySpec, estimator: str, parameter: str, equipment: Equipment | None) -> float | None:
+def _share(
+    study: StudySpec, estimator: str, parameter: str, equipment: Equipment | None, computed: Shares
+) -> float | None:
     """Return the share that an equipment leaves; ``None`` where it is not possible."""
     try:
         changed = choices.applied(study, Remedy(estimated=(parameter,), equipment=equipment), estimator)
-        return float(np.median(remaining_shares(changed, [parameter])))
+        if (parameter, equipment) not in computed:
+            computed[parameter, equipment] = float(np.median(remaining_shares(changed, [parameter])))
+        return computed[parameter, equipment]
     except (UserError, ModelError):
         return None
