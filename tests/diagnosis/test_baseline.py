@@ -113,6 +113,17 @@ def test_rivals_of_a_change_are_named_in_words():
     assert said.endswith("They do not exclude many parameters at once and axle compliance steer of rear.")
 
 
+def test_a_change_at_a_bound_of_what_is_possible_is_no_answer():
+    h = Hypothesis("lateral_load_transfer@front", "effect", ("lateral_transfer_loss_front",))
+    change = Change(h, "lateral_transfer_loss_front", "dimensionless", 0.0, 10.0, 3.0, True)
+    outcome = SimpleNamespace(posterior=None, trace=SimpleNamespace(added=(h,), cut_short=""))
+    days = SimpleNamespace(names=("monday", "tuesday"))
+    said = _answer(outcome, days, (change,), "unresolved")
+    assert said.startswith("Something has changed since the baseline (monday and tuesday) that no hypothesis")
+    assert "lateral load transfer of front" in said
+    assert _answer(outcome, days, (change,), "amended").startswith("Since the baseline (monday and tuesday): lateral")
+
+
 @pytest.mark.parametrize(
     ("hypothesis", "name", "said"),
     [

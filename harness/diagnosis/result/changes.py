@@ -99,6 +99,11 @@ def _answer(outcome: Outcome, baseline: Baseline, changes: tuple[Change, ...], v
         return f"Something has changed since {name} that no hypothesis of the library explains."
     order = dict.fromkeys([*(c.hypothesis for c in changes), *outcome.trace.added])
     phrases = [_phrase(h, [c for c in changes if c.hypothesis == h], outcome) for h in order]
+    if verdict == "unresolved":
+        return (
+            f"Something has changed since {name} that no hypothesis of the library explains. Nearest comes "
+            f"{'; '.join(phrases)}, which ends at a bound of what is possible and so stands for something else."
+        )
     return f"Since {name}: {'; '.join(phrases)}.{_instead(outcome)}"
 
 
