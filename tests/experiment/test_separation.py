@@ -179,6 +179,13 @@ def test_the_drives_of_a_trace_are_planned_and_written(goal, tmp_path):
             design_drives(replace(task, **room))
 
 
+def test_a_drive_of_a_trace_is_no_weave_unless_that_is_asked_for(goal):
+    """A trace judges with every name of the library, and one frequency leaves those alike that agree there."""
+    assert goal.broad
+    assert {m.name for m in chosen([])} - {m.name for m in chosen([], goal.broad)} == {"weave"}
+    assert [m.name for m in chosen(["weave"], goal.broad)] == ["weave"]
+
+
 def test_a_trace_that_left_one_model_or_none_with_estimates_is_refused(tmp_path):
     model = {"added": [], "share": 1.0, "estimates": [], "correlation": [], "measurement_noise": {}, "at_levels": []}
     noise = {"levels": [], "fitted_seconds": 80.0, "held_out_seconds": 40.0}
