@@ -285,9 +285,7 @@ def _as_spline(profile: Profile, room: SearchRange) -> list[Floats]:
 
 MANOEUVRES: tuple[Manoeuvre, ...] = (
     Manoeuvre("circle", "ISO 4138, constant speed and radius", "steady_circle", 2, _circle),
-    Manoeuvre(
-        "speeding-circle", "ISO 4138, constant radius, rising speed", "steady_circle", 2, _speeding_circle, broad=False
-    ),
+    Manoeuvre("speeding-circle", "ISO 4138, constant radius, rising speed", "steady_circle", 2, _speeding_circle),
     Manoeuvre("ramp", "ISO 4138, slowly growing steering at constant speed", "ramp", 2, _ramp),
     Manoeuvre("step", "ISO 7401, step steer", "step", 3, _step),
     Manoeuvre(
