@@ -149,7 +149,7 @@ def single(run: Exported, folder: Path) -> tuple[float, float, bool]:
     subprocess.run(["make", "-s", run.export.name], cwd=folder, check=True)
     with (folder / "told.csv").open("w") as told:
         subprocess.run([f"./{run.export.name}", "replay.csv"], cwd=folder, check=True, stdout=told)
-    table = np.genfromtxt(folder / "told.csv", delimiter=",", skip_header=1)
+    table = np.genfromtxt(folder / "told.csv", delimiter=",", skip_header=1)[:, 1:]  # behind the time
     estimate = run.history.estimate
     deviation = run.history.deviation if run.estimator.has_covariance else np.abs(estimate).max(axis=0)
     scale = np.where(deviation > 0, deviation, np.inf)

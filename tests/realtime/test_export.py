@@ -102,6 +102,9 @@ def test_a_csv_of_ones_own(tmp_path):
     done = subprocess.run([f"./{name}", "own.csv"], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert "no column 'steering_wheel_angle'" in done.stderr
+    (tmp_path / "own.csv").write_text("yaw_rate;speed;steering_wheel_angle\n0;15;0\n")
+    done = subprocess.run([f"./{name}", "own.csv"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, "commas separate columns" in done.stderr) == (2, True)
 
 
 @needs_compiler
@@ -116,6 +119,8 @@ def test_a_csv_as_spreadsheets_write_it_and_what_is_refused_of_one(tmp_path):
     head, rows = "time,steering_wheel_angle,speed,yaw_rate,lateral_acceleration", ["0,0.1,15,,", "0.01,0.1,15,0.02,0.3"]
     plain = ran("\n".join([head, *rows]) + "\n")
     assert plain.returncode == 0
+    times = [line.split(",")[0] for line in plain.stdout.splitlines()]
+    assert times == ["time", "0", "0.01"]
     quoted = [" , ".join(f'"{cell}"' for cell in line.split(",")) for line in (head, *rows)]
     assert ran("\ufeff" + "\r\n".join([*quoted, "", ""])).stdout == plain.stdout
     for text, word in (

@@ -140,13 +140,15 @@ int main(int argc, char **argv) {
     for (int i = 0; i < GIVEN; i++) {
         columns[i] = column_of(path, given[i], count);
         if (columns[i] < 0 && i < INPUTS) {
-            fprintf(stderr, "%s has no column '%s', which is an input\n", path, given[i]);
+            fprintf(stderr, "%s has no column '%s', which is an input; commas separate columns\n", path, given[i]);
             return 2;
         }
         if (columns[i] < 0) {
             fprintf(stderr, "%s has no column '%s': this measurement is missing throughout\n", path, given[i]);
         }
     }
+    clock = column_of(path, "time", count);
+    fputs(checks || clock < 0 ? "" : "time,", stdout);
     for (int i = 0; i < RESULTS; i++) {
         expected[i] = column_of(path, results[i], count);
         if (checks && expected[i] < 0 && i < @UPPER@_ESTIMATES) {
@@ -156,7 +158,6 @@ int main(int argc, char **argv) {
         printf("%s%s", checks ? "" : results[i], checks ? "" : ",");
     }
     fputs(checks ? "" : "outside\n", stdout);
-    clock = column_of(path, "time", count);
     @NAME@_believe(&belief);
     @NAME@_begin(&estimator, &belief);
     while ((width = read_line(file, path)) > 0) {
@@ -180,6 +181,9 @@ int main(int argc, char **argv) {
             }
         }
         step(values, computed, &outside);
+        if (!checks && clock >= 0) {
+            printf("%.15g,", now);
+        }
         for (int i = 0; i < RESULTS; i++) {
             double other = number(path, expected[i]);
             if (!checks) {
