@@ -105,7 +105,9 @@ def next_drive(task: NextDriveOptions) -> None:
         raise
     expectation = designed.goal.expectation(designed.plan.evidence)
     ranked = [f"{t.manoeuvre.name}, {t.seconds:g} s: {designed.alone(t).words}" for t in designed.plan.ranked]
-    refused = [f"{name}: no drive keeps to the limits ({why})" for name, why in designed.plan.refused.items()]
+    refused = [
+        f"{name}: no drive keeps to the limits and the budget ({why})" for name, why in designed.plan.refused.items()
+    ]
     printed(answer(designed), [*(f"open: {text}" for text in expectation.open), *ranked, *refused, *written])
 
 

@@ -61,8 +61,14 @@ class EarlierTrace:
         plan = _json(file)
         folders = (result, result.parent, Path(str(plan.get("result", ""))))
         folder = next((f for f in folders if (f / TRACE).is_file()), None)
-        if folder is None or "models" not in plan.get("expected", {}):
+        expected = plan.get("expected")
+        if folder is None or not isinstance(expected, dict):
             raise UserError(f"{file}: the drives are planned behind no trace whose {TRACE} is there")
+        if "models" not in expected:
+            raise UserError(
+                f"{file}: the drives are planned to determine quantities (--for), not to tell models apart; trace "
+                "all recordings without --after"
+            )
         content = _json(folder / TRACE)
         if "asked" not in content or not (content.get("confusable") or {}).get("models"):
             raise UserError(f"{folder / TRACE}: an earlier version wrote it; trace and plan again")

@@ -132,7 +132,7 @@ def _draw(tried: TriedDrive, limits: Limits, name: str, bodies: Sequence[str]) -
             if to_scale:
                 above.set_aspect("equal", adjustable="datalim")
         above.set_xlabel("m along the first heading")
-        _over_time(wheel, profile.time, np.degrees(profile.steering_wheel_angle), "steering wheel, °")
+        _over_time(wheel, profile.time, np.degrees(profile.steering_wheel_angle), "steering wheel, ° to the left")
         _over_time(speed, profile.time, 3.6 * profile.speed, "speed, km/h")
         for accelerations in motion.lateral_acceleration:
             _over_time(lateral, profile.time, accelerations, "lateral acceleration, m/s²")
@@ -169,7 +169,9 @@ def _ranked(designed: Designed) -> list[Block]:
         f"The best drive of each manoeuvre, repeated alone, for {designed.task.budget:g} s at most. Criterion: "
         f"{designed.goal.measure}, the smaller the better; now {now}. {plan.tried} drives were rehearsed."
     )
-    refused = [plain(f"{name}: no drive keeps to the limits ({why})") for name, why in plan.refused.items()]
+    refused = [
+        plain(f"{name}: no drive keeps to the limits and the budget ({why})") for name, why in plan.refused.items()
+    ]
     blocks: list[Block] = [Sheet(["manoeuvre", "quantities", "times", "s", "criterion"], rows, caption, left=2)]
     return [*blocks, *([Bullets(refused)] if refused else [])]
 

@@ -138,6 +138,9 @@ def test_the_recordings_of_an_earlier_trace_are_read_again(earlier):
 def test_what_is_no_plan_behind_a_trace_is_refused(earlier, tmp_path):
     plan = earlier / "next-drive" / "next_drive.json"
     plan.write_text(json.dumps({"result": str(earlier), "expected": {"parameters": {}}}))
+    with pytest.raises(UserError, match="--for"):
+        EarlierTrace.read(earlier)
+    plan.write_text(json.dumps({"result": str(earlier), "expected": None}))
     with pytest.raises(UserError, match="planned behind no trace"):
         EarlierTrace.read(earlier)
     plan.write_text("{")
