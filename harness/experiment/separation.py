@@ -239,8 +239,9 @@ class SeparationGoal:
         spec, slopes = self.model.spec, np.array([c.slope(c.centre) for c in coordinates])
         stated = Candidates.of(replace(spec, measurement_noise={**spec.measurement_noise, **rival.measurement_noise}))
         values = self._values(rival)[:, None]
+        own = dict(zip(self.model.nominal.states, stated.process[:, 0], strict=True))  # of random processes it stays
         points = [
-            replace(stated, values=values, process=np.array([[level[s]] for s in self.model.nominal.states]))
+            replace(stated, values=values, process=np.array([[level.get(s, v)] for s, v in own.items()]))
             for level in self.drives.levels
         ]
         so_far = Parabolas(

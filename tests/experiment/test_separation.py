@@ -179,6 +179,19 @@ def test_the_drives_of_a_trace_are_planned_and_written(goal, tmp_path):
             design_drives(replace(task, **room))
 
 
+def test_random_processes_of_the_model_keep_their_noise_at_every_level():
+    """A written model holds them, as of a varying bank; the levels are those of the process noise of the vehicle."""
+    plain = opened((0.0, 1.0))
+    noise = {"process": {"bank_walk": 0.01}}
+    bank = {"bank_memory": 10.0, "bank_wander": 3e-3}
+    spec = resolve_single({**CAR, "effects": ["road_bank_varying"], "values": bank, "noise": noise}, "test")
+    with_bank = SeparationGoal(replace(plain, spec=spec))
+    at = list(with_bank.model.nominal.states).index("bank_walk")
+    for points in (f.points for f in with_bank.filters):
+        assert [float(p.process[at, 0]) for p in points] == [0.01, 0.01]
+        assert float(points[1].process[0, 0]) == pytest.approx(100.0 * float(points[0].process[0, 0]))
+
+
 def test_a_drive_of_a_trace_is_no_weave_unless_that_is_asked_for(goal):
     """A trace judges with every name of the library, and one frequency leaves those alike that agree there."""
     assert goal.broad
