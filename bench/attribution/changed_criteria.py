@@ -56,7 +56,7 @@ HOW: dict[Callable[[Any, float], Any], tuple[str, tuple[str, ...]]] = {
     _times: (
         "the number itself, of a table or a list each of its numbers",
         (
-            *("BIC_NEEDED", "HOPEFUL", "ERROR_NEEDED", "EXCESS", "LITTLE", "FARTHER", "FURTHER_CHANGE"),
+            *("BIC_NEEDED", "HOPEFUL", "CALM", "ERROR_NEEDED", "EXCESS", "LITTLE", "FARTHER", "FURTHER_CHANGE"),
             *("HORIZONS", "BLOCK"),
             *(
                 "PRIORS.odds",
