@@ -39,7 +39,7 @@ def next_drive(
             variance of their combination.
         limits: TOML file, or limits by name: numbers in SI units, or text with a unit (docs/next-drive.md).
         budget: Driving time, in s or with a unit.
-        manoeuvres: Names; all by default, of a trace all but the weave.
+        manoeuvres: Names; all by default.
         effort: Drives that are tried of each manoeuvre.
         sensors: Also judge the planned drives with every set of sensors of the vehicle.
         seed: Of the drives tried.

@@ -47,10 +47,7 @@ class NextDriveOptions:
     ] = None
     budget: Annotated[str, typer.Option("--budget", help="Driving time, in s or with a unit.")] = "60 s"
     manoeuvres: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--manoeuvre", help="Manoeuvre to choose from; all, of a trace but the weave, if absent; repeatable."
-        ),
+        list[str] | None, typer.Option("--manoeuvre", help="Manoeuvre to choose from; all if absent; repeatable.")
     ] = None
     effort: Annotated[int, typer.Option("--effort", min=1, max=MOST, help="Drives that are tried of each.")] = 40
     sensors: Annotated[

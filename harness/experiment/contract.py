@@ -71,10 +71,6 @@ class Goal(Protocol):
         """How long a manoeuvre of one steering motion is straight ahead before it, in s."""
 
     @property
-    def broad(self) -> bool:
-        """Whether drives have to be more than one motion again and again."""
-
-    @property
     def enough(self) -> float:
         """Value at which nothing is left to be driven for."""
 

@@ -44,7 +44,6 @@ class DetectionGoal:
     criterion = "D"
     recorded, turns = 1, 2
     shortest, lead_in = SHORTEST, BLOCK
-    broad = False
     enough = -math.inf
     measure = "the detection limit, of several amplitudes their geometric mean in SI units"
 

@@ -152,7 +152,6 @@ class EstimationGoal:
 
     recorded = turns = 1
     shortest, lead_in = 0.0, LEAD_IN
-    broad = False
     enough = -math.inf
     measure = "the relative standard error, of several parameters their mean as the criterion takes it"
 

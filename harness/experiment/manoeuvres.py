@@ -108,8 +108,6 @@ class Manoeuvre:
         free: Number of free quantities.
         options: From a point of the unit cube and the room to the options of the kind.
         like: From a drive and the room to points whose drives are most like it; none where it has a form of its own.
-        broad: Whether it is more than one motion again and again. That says gain and phase of a signal at one
-            frequency, in which models agree that differ elsewhere.
     """
 
     name: str
@@ -118,7 +116,6 @@ class Manoeuvre:
     free: int
     options: Callable[[Floats, SearchRange], Options]
     like: Callable[[Profile, SearchRange], list[Floats]] | None = None
-    broad: bool = True
 
     def drive(self, point: Floats, room: SearchRange, name: str) -> DriveSpec:
         """Return the drive at a point ``(free,)`` of the unit cube."""
@@ -288,9 +285,7 @@ MANOEUVRES: tuple[Manoeuvre, ...] = (
     Manoeuvre("speeding-circle", "ISO 4138, constant radius, rising speed", "steady_circle", 2, _speeding_circle),
     Manoeuvre("ramp", "ISO 4138, slowly growing steering at constant speed", "ramp", 2, _ramp),
     Manoeuvre("step", "ISO 7401, step steer", "step", 3, _step),
-    Manoeuvre(
-        "weave", "ISO 7401 and 13674, sinusoidal steering; a slalom at its frequency", "sine", 3, _sine, broad=False
-    ),
+    Manoeuvre("weave", "ISO 7401 and 13674, sinusoidal steering; a slalom at its frequency", "sine", 3, _sine),
     Manoeuvre("sweep", "ISO 7401, frequency sweep", "sine_sweep", 4, _sweep),
     Manoeuvre("random", "ISO 7401, random steering", "random_sequence", 4, _random),
     Manoeuvre("lane-change", "ISO 3888, double lane change", "lane_change", 3, _lane_change),
@@ -300,12 +295,8 @@ MANOEUVRES: tuple[Manoeuvre, ...] = (
 )
 
 
-def chosen(names: Sequence[str], broad: bool = False) -> tuple[Manoeuvre, ...]:
-    """Return the manoeuvres of some names.
-
-    Args:
-        names: Of no name all are returned.
-        broad: Of no name those alone that are broad.
+def chosen(names: Sequence[str]) -> tuple[Manoeuvre, ...]:
+    """Return the manoeuvres of some names; all of no name.
 
     Raises:
         UserError: If there is none of a name.
@@ -314,5 +305,4 @@ def chosen(names: Sequence[str], broad: bool = False) -> tuple[Manoeuvre, ...]:
     for name in names:
         if name not in by_name:
             raise UserError(f"manoeuvre: there is no '{name}'{closest(name, list(by_name))}: {', '.join(by_name)}")
-    usual = tuple(m for m in MANOEUVRES if m.broad or not broad)
-    return tuple(by_name[n] for n in dict.fromkeys(names)) or usual
+    return tuple(by_name[n] for n in dict.fromkeys(names)) or MANOEUVRES

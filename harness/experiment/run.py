@@ -104,12 +104,12 @@ def design_drives(task: DesignTask, say: Callable[[str], None] = lambda _: None)
     Raises:
         UserError: If the folder holds no result that can be gone on from, or no drive keeps to the limits.
     """
-    chosen(task.manoeuvres)  # a name that there is not is refused before anything is compiled
+    manoeuvres = chosen(task.manoeuvres)
     if not task.budget > 0:
         raise UserError(f"budget: {task.budget:g} s leaves nothing to drive")
     say("compiling")
     goal = _goal(task)
-    spec, manoeuvres = goal.model.spec, chosen(task.manoeuvres, goal.broad)
+    spec = goal.model.spec
     if task.limits.duration < goal.shortest or task.budget < goal.turns * goal.shortest:
         raise UserError(
             f"{task.folder}: drives of a trace last {goal.shortest:g} s at least, each is driven {goal.turns} times; "

@@ -203,7 +203,6 @@ class SeparationGoal:
     criterion = "T"
     turns = 2
     shortest, lead_in = SHORTEST, BLOCK
-    broad = True
     enough = math.log(1e-3)
     measure = "a bound on the probability that a wrong model of the set is named"
 

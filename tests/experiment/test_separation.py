@@ -192,13 +192,6 @@ def test_random_processes_of_the_model_keep_their_noise_at_every_level():
         assert float(points[1].process[0, 0]) == pytest.approx(100.0 * float(points[0].process[0, 0]))
 
 
-def test_a_drive_of_a_trace_is_no_weave_unless_that_is_asked_for(goal):
-    """A trace judges with every name of the library, and one frequency leaves those alike that agree there."""
-    assert goal.broad
-    assert {m.name for m in chosen([])} - {m.name for m in chosen([], goal.broad)} == {"weave"}
-    assert [m.name for m in chosen(["weave"], goal.broad)] == ["weave"]
-
-
 def test_a_trace_that_left_one_model_or_none_with_estimates_is_refused(tmp_path):
     model = {"added": [], "share": 1.0, "estimates": [], "correlation": [], "measurement_noise": {}, "at_levels": []}
     noise = {"levels": [], "fitted_seconds": 80.0, "held_out_seconds": 40.0}
