@@ -331,19 +331,24 @@ class Study(Shown):
                 client = stack.enter_context(connected(scheduler, jobs))
             folder = Path("results") / self.name if out is None else place(out)
             run_study(self.spec, folder, jobs, client=client, agree=agree, restart=restart, device=device)
-        if self.spec.monitor is not None:
-            from rich.console import Console
-            from rich.text import Text
-
-            from harness.common.stages import showing
-            from harness.remedy.monitor.of_study import write
-
-            console = Console(stderr=True)
-            with showing(console, "looking at what is counted of trust monitors") as show:
-                missing = write(self.spec, folder, jobs, show)
-            for sentence in missing:
-                console.print(Text(sentence), soft_wrap=True)
+        self._count_monitors(folder, jobs)
         return open_results(folder)
+
+    def _count_monitors(self, folder: Path, jobs: int | None) -> None:
+        """Count the trust monitors that the study asks for, and say of which estimator there is none."""
+        if self.spec.monitor is None:
+            return
+        from rich.console import Console
+        from rich.text import Text
+
+        from harness.common.stages import showing
+        from harness.remedy.monitor.of_study import write
+
+        console = Console(stderr=True)
+        with showing(console, "looking at what is counted of trust monitors") as show:
+            missing = write(self.spec, folder, jobs, show)
+        for sentence in missing:
+            console.print(Text(sentence), soft_wrap=True)
 
     def _facts(self) -> dict[str, Any]:
         study = self.spec

@@ -70,12 +70,13 @@ def next_drive(task: NextDriveOptions) -> None:
     from rich.console import Console
     from rich.text import Text
 
+    from harness.diagnosis.earlier_trace import FOLDER
     from harness.experiment.kept_drives import TRIED
     from harness.experiment.limits import limits_of
     from harness.experiment.report import answer, write_design
     from harness.experiment.run import DesignTask, design_drives
 
-    out = task.out or task.result / "next-drive"
+    out = task.out or task.result / FOLDER
     asked = DesignTask(
         task.result,
         _weights(task.wanted or ()),

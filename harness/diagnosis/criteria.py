@@ -106,7 +106,7 @@ PRIORS = Priors(
     beside_curves=0.03,  # further from the fit the linear response of a parameter that is hardly excited does not hold
     misfit=1.5,  # a noise variance that was estimated, and parameters that were, leave some percent
     gain=0.01,  # clocks, roll, and positions of another point of the vehicle
-    likeness=0.1,  # sizes of a plant that shares nothing with the models are off by 1 to 27 %, half of them by 7
+    likeness=0.1,  # of plants that share nothing with the models; docs/attribution.md has what intervals then hold
 )
 """What is known before the drives are seen."""
 

@@ -96,16 +96,16 @@ class DetectionGoal:
     def expectation(self, evidence: Evidence | None) -> ExpectedOutcome:
         """Return the detection limits to be expected."""
         before, after = (np.sqrt(np.diagonal(self.covariance(t))) for t in (None, evidence))
-        rows, record, told = [], {}, []
+        rows, record, improved = [], {}, []
         for name, was, now in zip(self.limits, before, after, strict=True):
             unit = self.model.model.parameters[self.model.row(name)].unit
             pair = [_size(v, unit) for v in (was, now)]
             rows.append([words(name), *pair])
             record[name] = {"unit": unit, "before": float(was), "after": float(now)}
-            told.append(f"{words(name)} from {pair[1]} on, in place of {pair[0]}")
+            improved.append(f"{words(name)} from {pair[1]} on, in place of {pair[0]}")
         still = [f"{words(n)}: no drive shows it" for n, now in zip(self.limits, after, strict=True) if np.isinf(now)]
         return ExpectedOutcome(
-            words=f"shown would be {listed(told)}",
+            words=f"shown would be {listed(improved)}",
             open=tuple(still),
             record={"limits": record},
             header=["amplitude", "detection limit now", "expected"],

@@ -15,12 +15,13 @@ from harness.common.errors import UserError
 from harness.common.files import json_text, read_text, toml_text
 from harness.common.places import inside, remove
 from harness.config import DriveSpec
+from harness.diagnosis.earlier_trace import PLAN
 from harness.experiment.contract import ExpectedOutcome
 from harness.experiment.design import TriedDrive
 from harness.experiment.limits import stated
 from harness.experiment.run import Designed
 
-RESULT, DRIVES = "next_drive.json", "next_drive.toml"
+RESULT, DRIVES = PLAN, "next_drive.toml"
 
 SCHEMA_VERSION = 1
 """Version of the keys of ``next_drive.json``: one more when a key is removed or changes its meaning."""

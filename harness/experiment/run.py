@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 from harness.common.errors import UserError
 from harness.config import ModelSpec
 from harness.config.model_choice import fitting_sensors
+from harness.diagnosis.earlier_trace import TRACE
 from harness.experiment.contract import ExpectedOutcome, Goal, total
 from harness.experiment.design import DrivePlan, TriedDrive, design
 from harness.experiment.detection import DetectionGoal
@@ -20,7 +21,7 @@ from harness.experiment.kept_drives import KeptDrives, basis
 from harness.experiment.limits import Limits
 from harness.experiment.manoeuvres import Manoeuvre, SearchRange, chosen
 from harness.experiment.rehearsal import Rehearsal
-from harness.experiment.separation import TRACE, SeparationGoal, read_trace
+from harness.experiment.separation import SeparationGoal, read_trace
 from harness.experiment.study_error import SCORES, StudyGoal, read_study
 from harness.models.roles import SENSORS
 

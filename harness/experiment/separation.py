@@ -23,7 +23,9 @@ from harness.common.errors import UserError
 from harness.common.files import read_text
 from harness.config import ModelSpec
 from harness.diagnosis.criteria import BLOCK, CALM
+from harness.diagnosis.earlier_trace import TRACE
 from harness.diagnosis.model.augmented_model import AugmentedModel
+from harness.diagnosis.result.expectation import STANDS
 from harness.experiment.contract import Evidence, ExpectedOutcome
 from harness.experiment.information import fitted_spec
 from harness.experiment.rehearsal import Rehearsed
@@ -37,11 +39,6 @@ from harness.models.assembly.candidates import placements
 from harness.models.assembly.placement import load_effect, parameter_at, split
 from harness.models.quantities import words
 from harness.reporting.style import number, probability
-
-TRACE = "trace.json"
-
-STANDS = 0.95
-"""Probability from which a name stands."""
 
 _APART = 4.0
 """``d^2`` below which two models stay confusable: their likelihoods differ by a factor of seven in the mean."""

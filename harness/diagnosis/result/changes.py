@@ -31,19 +31,20 @@ def changes_of(outcome: Outcome, baseline: Baseline) -> tuple[Change, ...]:
             h,
             v.name,
             v.unit,
-            float(stated[augmented.row(v.name)]),
+            before,
             v.value,
             math.hypot(
                 v.std,
                 baseline.error_of(v.name),
                 baseline.scatter_of(h, v.name, values),
-                PRIORS.likeness * (v.value - float(stated[augmented.row(v.name)])),
+                PRIORS.likeness * (v.value - before),
             ),
             v.name not in there,
         )
         for h in outcome.trace.added
         for v in outcome.values[h.name]
         if v.name in h.amplitudes
+        for before in [float(stated[augmented.row(v.name)])]
     ]
     likely = {} if outcome.posterior is None else outcome.posterior.inclusion()
     plain = {h: max((abs(c.now - c.before) / c.std for c in changes if c.hypothesis == h), default=0.0) for h in likely}

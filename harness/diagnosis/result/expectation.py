@@ -82,7 +82,7 @@ class ExpectationMet:
     @property
     def words(self) -> str:
         """The same in sentences."""
-        told = {
+        verdict = {
             "as expected": "The planned drives told what was expected",
             "less": "The planned drives told less than was expected",
             "more": "The planned drives told more than was expected",
@@ -94,7 +94,7 @@ class ExpectationMet:
             for r in self.ratios
         ])  # fmt: skip
         return (
-            f"{told}: {self.leading} has a probability of {probability(self.realised)} within the set (expected "
+            f"{verdict}: {self.leading} has a probability of {probability(self.realised)} within the set (expected "
             f"{probability(self.expected)}, before {probability(self.before)}); its log likelihood ratio grew by "
             f"{ratios}."
         )
