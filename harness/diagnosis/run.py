@@ -41,7 +41,7 @@ from harness.diagnosis.result.study_gain import REPEATS, StudyGain, refuse_study
 from harness.diagnosis.selection.baseline import learnt, of_roads
 from harness.diagnosis.selection.forward_selection import trace
 from harness.identification.data import DriveData, measurements_of, steered
-from harness.identification.measured_file import SHORTEST, names_of, refuse_repeated
+from harness.identification.measured_file import SHORT_BY, SHORTEST, names_of, refuse_repeated
 from harness.recordings.check.examine import recording_warnings
 
 _ROUND = re.compile(r"round (\d+):")
@@ -120,7 +120,7 @@ def refuse_recordings(recordings: Sequence[xr.Dataset], spec: ModelSpec) -> None
     for recording in recordings:
         measurements_of(steered(recording, spec.values), spec.model(), str(recording.attrs["file"]))
         file, time = recording.attrs["file"], recording["time"].to_numpy()
-        if time[-1] - time[0] < SHORTEST:
+        if time[-1] - time[0] < SHORTEST - SHORT_BY:
             raise UserError(
                 f"{file}: lasts {time[-1] - time[0]:.1f} s, too short to identify what is missing; record at least "
                 f"{SHORTEST:.0f} s, better {_LIVELY}"

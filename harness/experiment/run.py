@@ -25,6 +25,9 @@ from harness.experiment.separation import SeparationGoal, read_trace
 from harness.experiment.study_error import SCORES, StudyGoal, read_study
 from harness.models.roles import SENSORS
 
+_SPARE = 1.0
+"""s by which a planned drive is longer than the shortest recording that is taken: a recorder may begin late."""
+
 
 @dataclass(frozen=True)
 class DesignTask:
@@ -111,14 +114,15 @@ def design_drives(task: DesignTask, say: Callable[[str], None] = lambda _: None)
     say("compiling")
     goal = _goal(task)
     spec = goal.model.spec
-    if task.limits.duration < goal.shortest or task.budget < goal.turns * goal.shortest:
+    shortest = goal.shortest + _SPARE if goal.shortest else 0.0
+    if task.limits.duration < shortest or task.budget < goal.turns * shortest:
         raise UserError(
-            f"{task.folder}: drives of a trace last {goal.shortest:g} s at least, each is driven {goal.turns} times; "
+            f"{task.folder}: drives of a trace last {shortest:g} s at least, each is driven {goal.turns} times; "
             f"a duration of {task.limits.duration:g} s and a budget of {task.budget:g} s leave no room for that"
         )
     rehearsal = Rehearsal(goal.model, spec, goal.versions, goal.recorded, task.limits)
     jobs = task.jobs or os.cpu_count() or 1
-    room = SearchRange.of(spec, task.limits, goal.shortest, goal.lead_in, task.seed)
+    room = SearchRange.of(spec, task.limits, shortest, goal.lead_in, task.seed)
     kept = _kept(task, goal, manoeuvres)
     with threadpool_limits(1):  # threads of the linear algebra would wait for those of the drives
         plan = design(goal, rehearsal, room, manoeuvres, task.budget, task.effort, jobs, task.seed, say, kept)

@@ -11,11 +11,13 @@ import pytest
 from typer.testing import CliRunner
 
 from harness.cli.main import app
+from harness.common.errors import UserError
 from harness.config import resolve_single
 from harness.diagnosis.fitting import FittedHypothesis, Fitting, ParameterPoint
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, coordinates, hypotheses
 from harness.diagnosis.result.claims import verdict_of
+from harness.diagnosis.run import refuse_recordings
 from harness.diagnosis.selection.acceptance import beyond_belief
 from harness.diagnosis.selection.forward_selection import first_variances
 from harness.diagnosis.selection.score_test import SPACING, ScoreTest, best_amplitudes, cosine
@@ -278,6 +280,13 @@ def test_a_drive_that_is_too_calm_says_what_to_drive(tmp_path):
     assert result.exit_code == 2
     assert "drive_1.csv: for 95 % of the time the lateral acceleration" in " ".join(result.output.split())
     assert "too little excitation to identify what is missing; drive quick steering" in " ".join(result.output.split())
+
+
+def test_a_drive_of_20_s_of_which_samples_were_lost_is_traced_and_a_shorter_one_is_not():
+    recording, spec = driven(49, duration=25.0).assign_attrs(file="drive.csv"), resolve_single(CAR, "test")
+    refuse_recordings([recording.isel(time=slice(0, 1997))], spec)
+    with pytest.raises(UserError, match=r"drive.csv: lasts 19.9 s, too short"):
+        refuse_recordings([recording.isel(time=slice(0, 1990))], spec)
 
 
 def test_a_wrong_sign_and_spikes_are_reported_with_the_evidence(tmp_path):

@@ -49,6 +49,17 @@ def written(tmp_path):
     return write
 
 
+def test_a_drive_that_is_stated_as_long_enough_is(written):
+    """A recorder lost the last samples: the drive is stated to last 20.0 s, and the recording 70.0 s."""
+    path = written(start=50)
+    path.write_text(path.read_text().replace("61 s", "70.03 s"))
+    assert MeasuredStudy.read(path).drives()["test"][0].sizes["time"] == 2000
+    for stop in ("69.9 s", "70.1 s"):
+        path.write_text(FILE.format(more="", start=50, last="").replace("61 s", stop))
+        with pytest.raises(UserError, match=r"test\[0\]\.span"):
+            MeasuredStudy.read(path).drives()
+
+
 def test_spans_start_at_zero_and_keep_their_length(written):
     drives = MeasuredStudy.read(written()).drives()
     assert [float(d["time"][0]) for d in (*drives["train"], *drives["test"])] == [0.0, 0.0]
