@@ -131,12 +131,13 @@ def _robot(tried: TriedDrive, designed: Designed) -> str:
 
 
 def written_to(designed: Designed, folder: Path) -> list[str]:
-    """Return the commands that go on from the drives in a folder; none of a study, which keeps no parameter set."""
+    """Return commands that simulate the drives in a folder; none of a study, which keeps no parameter set."""
     if not designed.plant.parameters:
         return []
-    tried, _ = designed.plan.sequence[0]
-    drive = tried.rehearsed.drive
-    options = [word for k, v in drive.options.items() for word in ("--option", f"{k}={v}")]
-    model = ["--model", designed.plant.vehicle, "--parameters", designed.plant.parameters]
-    out = ["--out", str(folder / f"{names_of(designed)[0]}-simulated.csv")]
-    return [shlex.join(["harness", "simulate", *model, "--drive", drive.kind, *options, *out])]
+    model, commands = ["--model", designed.plant.vehicle, "--parameters", designed.plant.parameters], []
+    for name, (tried, _) in zip(names_of(designed), designed.plan.sequence, strict=True):
+        drive = tried.rehearsed.drive
+        options = [word for k, v in drive.options.items() for word in ("--option", f"{k}={v}")]
+        out = ["--out", str(folder / f"{name}-simulated.csv")]
+        commands.append(shlex.join(["harness", "simulate", *model, "--drive", drive.kind, *options, *out]))
+    return commands

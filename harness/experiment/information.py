@@ -75,7 +75,7 @@ def read_fit(folder: Path) -> KeptFit:
         UserError: If there is none, it failed, or its method states no uncertainty.
     """
     if folder.is_file():
-        raise UserError(f"{folder}: is a file; name the folder that harness identify or trace wrote")
+        raise UserError(f"{folder}: is a file; name the folder that harness identify, trace or run wrote")
     posterior = read_posterior(str(folder), Path(), "next-drive")  # which refuses what no fit writes
     content: dict[str, Any] = json.loads(read_text(posterior.file))
     if not (folder / "parameters.toml").is_file():

@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 from harness.common.errors import UserError
 from harness.config import ModelSpec
 from harness.config.model_choice import fitting_sensors
+from harness.config.posterior import FILES as FITS
 from harness.diagnosis.earlier_trace import TRACE
 from harness.experiment.contract import ExpectedOutcome, Goal, total
 from harness.experiment.design import DrivePlan, TriedDrive, design
@@ -150,8 +151,12 @@ def _goal(task: DesignTask) -> Goal:
     """Return what a result has left to be found out.
 
     Raises:
-        UserError: If its vehicle has no steering wheel, or something is asked for that it has not.
+        UserError: If there is none, its vehicle has no steering wheel, or something is asked for that it has not.
     """
+    if not task.folder.is_file() and not any((task.folder / name).exists() for name in (*FITS, SCORES)):
+        raise UserError(
+            f"{task.folder}: holds no {', '.join(FITS)} or {SCORES}; name the folder of harness identify, trace or run"
+        )
     if (task.folder / SCORES).is_dir():
         if task.criterion != "D":
             raise UserError(f"{task.folder}: a criterion is asked of an identification; of a study errors count")

@@ -1,6 +1,8 @@
 """``harness next-drive``: from a fit to drives that studies and commands take; bad requests in one line."""
 
 import json
+import shlex
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -10,6 +12,9 @@ from typer.testing import CliRunner
 import harness as h
 from harness.cli.main import app
 from harness.common.files import read_toml
+from harness.experiment.files import names_of, written_to
+from harness.experiment.limits import Limits
+from harness.experiment.run import DesignTask, design_drives
 from harness.reporting.style import number
 from support.identification import CAR
 
@@ -62,6 +67,21 @@ def test_drives_are_planned_written_and_taken(fit, tmp_path):
     assert sorted(p.name for p in out.glob("*.csv")) == ["1-step.csv"]
 
 
+def test_every_drive_of_a_sequence_has_its_command(fit):
+    names = ("step", "sweep")
+    designed = design_drives(
+        DesignTask(fit, limits=Limits(duration=8.0), budget=16.0, manoeuvres=names, effort=4, jobs=1)
+    )
+    sequence = [(t, 1) for t in designed.plan.ranked]
+    several = replace(designed, plan=replace(designed.plan, sequence=tuple(sequence)))
+    commands = [shlex.split(line) for line in written_to(several, fit)]
+    assert [c[c.index("--drive") + 1] for c in commands] == [t.manoeuvre.kind for t, _ in sequence]
+    for words, name in zip(commands, names_of(several), strict=True):
+        done = CliRunner().invoke(app, words[1:])
+        assert done.exit_code == 0, done.output
+        assert (fit / f"{name}-simulated.csv").is_file()
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -97,4 +117,4 @@ def test_a_file_is_no_result(fit):
 def test_a_folder_without_a_fit_is_refused(tmp_path):
     done = run(tmp_path)
     assert done.exit_code == 2
-    assert "identify.json" in done.stderr
+    assert [name in done.stderr for name in ("identify.json", "trace.json", "scores.zarr")] == [True, True, True]
