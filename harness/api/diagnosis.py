@@ -124,6 +124,7 @@ class Diagnosis(Shown):
         from harness.common.errors import UserError
         from harness.diagnosis.earlier_trace import EarlierTrace, with_absolute_paths
         from harness.diagnosis.run import TraceTask, run_trace
+        from harness.identification.common_step import at_common_step
         from harness.identification.data import refuse_the_same, step_of
         from harness.identification.measured_file import finely, fitted_parameters
 
@@ -139,6 +140,9 @@ class Diagnosis(Shown):
         if model is None:
             raise UserError("model: give the nominal model; only with after it is that of the earlier trace")
         earlier = recordings_of(baseline, "baseline") if len(baseline) else []
+        of_train, of_test = len(fitted), len(fitted) + len(held_out)
+        together = at_common_step([*fitted, *held_out, *earlier])
+        fitted, held_out, earlier = together[:of_train], together[of_train:of_test], together[of_test:]
         refuse_the_same([*fitted, *earlier], held_out)
         refuse_the_same(earlier, fitted, "train", "in the baseline")
         for i, recording in enumerate(earlier):

@@ -13,6 +13,7 @@ from harness.common.errors import UserError
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray as xr
 
     from harness.identification.fit_recordings import Fitted
     from harness.identification.measured_file import MeasuredStudy
@@ -65,8 +66,7 @@ def identify(
     from harness.identification.data import step_of
     from harness.identification.fit_recordings import FitTask, fit_recordings
 
-    fitted = recordings_of(train, "train")
-    held_out = recordings_of(test, "test") if not _is_none(test) else []
+    fitted, held_out = _recordings(train, test)
     spec = model.resolved_for([*fitted, *held_out], step=step_of(fitted[0]))
     names = (free,) if isinstance(free, str) else tuple(free)
     task = FitTask(spec, fitted, names, held_out, method or "likelihood", dict(settings or {}), seed, jobs)
@@ -126,8 +126,7 @@ def identified_plant(
     from harness.identification.data import step_of
     from harness.identification.plant_fit import PlantTask, fit_plant
 
-    fitted = recordings_of(train, "train")
-    held_out = recordings_of(test, "test") if not _is_none(test) else []
+    fitted, held_out = _recordings(train, test)
     recorded = set.intersection(*({str(n) for n in r.data_vars} for r in [*fitted, *held_out]))
     spec = plant_alone(plant, recorded, step_of(fitted[0]))
     names: list[str] = []
@@ -152,8 +151,13 @@ def _number(text: str) -> float | str:
     return text.strip() if number is None else number
 
 
-def _is_none(given: Any) -> bool:
-    return given is None or (isinstance(given, list | tuple) and not given)
+def _recordings(train: Any, test: Any) -> tuple[list[xr.Dataset], list[xr.Dataset]]:
+    """Return the recordings to fit and those held out, if any, at one step."""
+    from harness.identification.common_step import at_common_step
+
+    fitted, none = recordings_of(train, "train"), test is None or (isinstance(test, list | tuple) and not test)
+    together = at_common_step([*fitted, *([] if none else recordings_of(test, "test"))])
+    return together[: len(fitted)], together[len(fitted) :]
 
 
 class Identification(Shown):

@@ -20,6 +20,9 @@ from harness.recordings.read.span import refuse_overlaps
 SHORTEST = 20
 """Samples; a shorter recording is refused."""
 
+STEP_TOLERANCE = 1e-3
+"""Of a step, up to which two are the same."""
+
 
 @dataclass(frozen=True)
 class DriveData:

@@ -27,7 +27,7 @@ from harness.config import InputSignal, ModelSpec
 from harness.engine.compile import compile_model, load_source, paste
 from harness.engine.simd.lanes import LANES
 from harness.identification import time_loops
-from harness.identification.data import DriveData, drive_from, started_by, steered, step_of
+from harness.identification.data import STEP_TOLERANCE, DriveData, drive_from, started_by, steered, step_of
 from harness.identification.free_run import FreeRun, Start
 from harness.identification.input_effects import InputEffects
 from harness.identification.measured_inputs import Between
@@ -37,7 +37,6 @@ from harness.runner.contract import Held
 _Task = TypeVar("_Task")
 _Answer = TypeVar("_Answer")
 
-_STEP_TOLERANCE = 1e-3
 REMEMBERED = 24
 """Runs that are kept: of some points over some fitted drives and the drives that judge them."""
 
@@ -221,10 +220,11 @@ class FilteredModel(ABC):
         Raises:
             UserError: If a signal is missing or the step is not the model's.
         """
-        if abs(step_of(recording) - self.spec.step) > _STEP_TOLERANCE * self.spec.step:
+        if abs(step_of(recording) - self.spec.step) > STEP_TOLERANCE * self.spec.step:
+            coarser = max(step_of(recording), self.spec.step)
             raise UserError(
-                f"{name}: its samples are {step_of(recording):g} s apart, those of the model {self.spec.step:g} s; "
-                "all recordings need the same step"
+                f"{name}: its samples are {step_of(recording):g} s apart, those of the model {self.spec.step:g} s; all "
+                f'recordings need the same step: state [recording] step = "{1e3 * coarser:g} ms" in the channel maps'
             )
         drive = drive_from(steered(recording, self.spec.values), self.model, name, between, signal)
         states = self.free_run(drive, self.stated()).states[:, : self.nx]
