@@ -18,17 +18,20 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Lock
+from typing import get_args
 
 import numpy as np
 
 from harness.common import sources
 from harness.common.arrays import Floats, Mask
+from harness.common.cache import LastUsed
 from harness.common.kept_arrays import KeptArrays
 from harness.diagnosis.criteria import BLOCK
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.identification.coordinates import (
     Coordinate,
     Coordinates,
+    Kind,
     measurement_coordinates,
     process_coordinates,
 )
@@ -57,6 +60,10 @@ TURNS = 3
 
 _COARSE = (-9.0, -6.0, -4.0, -2.0, -1.0, 1.0, 3.0)
 """Steps of the logarithm of a variance, tried together; with the point itself they are the lanes of one run."""
+
+
+_REMEMBERED = 256
+"""Derivatives at ends of fits that are kept: of some models at all levels of the noise."""
 
 
 @dataclass(frozen=True)
@@ -129,6 +136,7 @@ class Fitting:
         stated = Candidates.of(spec)
         self._first = replace(stated, values=model.stated()[:, None])
         self._first_measurement = np.log(variances)
+        self._remembered = LastUsed[tuple[float, Floats, Floats]](_REMEMBERED)
 
     @property
     def samples(self) -> int:
@@ -262,6 +270,22 @@ class Fitting:
         z = np.clip(np.concatenate([z, start.process, start.measurement]), space.lower, space.upper)
         return LogPosterior(self.augmented, self.drives, space), z, space.kind("parameter")
 
+    def _slopes(
+        self, coordinates: tuple[Coordinate, ...], point: ParameterPoint, *kinds: Kind
+    ) -> tuple[Floats, float, Floats, Floats]:
+        """Return a point as coordinates, and value, gradient and information there of those of some kinds.
+
+        Curvature, standard errors and the record ask for the same.
+        """
+        objective, z, _ = self._objective(coordinates, point)
+        moved = objective.coordinates.kind(*kinds)
+        key = coordinates, moved.tobytes(), z.tobytes(), point.values.tobytes()
+        (slopes,) = self._remembered.get([key])
+        if slopes is None:
+            slopes = objective.slopes(z, moved)
+            self._remembered.keep([key], [slopes])
+        return z, *slopes
+
     def standard_errors(self, fitted: FittedHypothesis) -> Floats:
         """Return the standard error of every parameter that a fit moved, in its unit ``(n,)``; infinite if unknown."""
         return self.uncertainty(fitted)[0]
@@ -270,8 +294,7 @@ class Fitting:
         """Return standard errors as ``standard_errors`` does, and the correlation of the estimates ``(n, n)``."""
         if not fitted.coordinates:
             return np.zeros(0), np.zeros((0, 0))
-        objective, z, parameters = self._objective(fitted.coordinates, fitted.point)
-        _, _, information = objective.slopes(z, np.ones_like(parameters))
+        z, _, _, information = self._slopes(fitted.coordinates, fitted.point, *get_args(Kind))
         slopes = np.array([c.slope(at) for c, at in zip(fitted.coordinates, z, strict=False)])
         covariance, moved = covariance_of(information), slice(0, len(slopes))
         deviations = np.sqrt(np.maximum(np.diagonal(covariance.unit), 1e-300))
@@ -283,8 +306,7 @@ class Fitting:
 
         Intensities of random processes, the last of its coordinates, are not among them.
         """
-        objective, z, parameters = self._objective(fitted.coordinates, fitted.point)
-        return objective.slopes(z, parameters)[2]
+        return self._slopes(fitted.coordinates, fitted.point, "parameter")[-1]
 
     def at_process_noise(self, fitted: FittedHypothesis, process: Floats) -> tuple[float, Floats, Floats]:
         """Return the log posterior of a fit with other process noise, and what it then says of its parameters.
@@ -297,9 +319,8 @@ class Fitting:
             Value, gradient ``(n,)`` and information ``(n, n)`` of the parameters that all drives share, in SI units,
             with those of single drives open.
         """
-        objective, z, parameters = self._objective(fitted.coordinates, replace(fitted.point, process=process))
-        n = len(fitted.coordinates)
-        value, gradient, information = objective.slopes(z, np.arange(len(parameters)) < n)
+        point = replace(fitted.point, process=process)
+        z, value, gradient, information = self._slopes(fitted.coordinates, point, "parameter", "intensity")
         shared = [i for i, c in enumerate(fitted.coordinates) if not c.drives]
         slopes = np.array([fitted.coordinates[i].slope(z[i]) for i in shared])
         return value, gradient[shared] / slopes, marginal(information, shared) / np.outer(slopes, slopes)
