@@ -72,12 +72,11 @@ def test_several_processes_are_fitted_in_place_of_each_where_they_lead(monkeypat
     asked = []
     tried = [SimpleNamespace(hypothesis=h, gain=g) for h, g in zip((LAG, FRONT, REAR, BOTH), (90, *gains), strict=True)]
     odds = {(h.kind, h.name): 0.0 for h in (LAG, FRONT, REAR)}
-    monkeypatch.setattr(rounds, "hypotheses", lambda *_: [LAG, FRONT, REAR, BOTH])
     monkeypatch.setattr(rounds, "log_odds", lambda _: odds)
     monkeypatch.setattr(rounds, "objections", lambda c, before: ["worse"] if refused else [])
     fitting = SimpleNamespace(noise_held=False)
     candidate_fits = SimpleNamespace(fitting=fitting, augmented=None, free=(), refuted=set(), always=(), say=print)
-    candidate_fits.scores_at = lambda *_: tried
+    candidate_fits.hypotheses, candidate_fits.scores_at = [LAG, FRONT, REAR, BOTH], lambda *_: tried
     one = rounds.SelectionRound(candidate_fits, (), [SimpleNamespace(point=None)], 1)
     monkeypatch.setattr(one, "fit", lambda scores: asked.extend(s.hypothesis.name for s in scores))
     for name, value in {"predicted_bic_gain": lambda s: s.gain, "judged": lambda s: s, "tried": list}.items():

@@ -40,6 +40,7 @@ class CandidateFits:
         always: Random processes that are a part of every model.
 
     Attributes:
+        hypotheses: Everything to be tried.
         models: Every model that was fitted, by what it has, with its likeliest fit.
         refuted: What was added and left what it must not leave; it is tried no more.
         doubt: Log-likelihood that one may be behind another and still be in question: as much as is gained beyond
@@ -61,7 +62,8 @@ class CandidateFits:
         self.fitting, self.held_out, self.free, self.say = fitting, held_out, free, say
         self.augmented = fitting.augmented
         self._known = stated_std(self.augmented.spec)
-        self._effects = {h.name: h for h in hypotheses(self.augmented, free) if h.kind == "effect"}
+        self.hypotheses = hypotheses(self.augmented, free)
+        self._effects = {h.name: h for h in self.hypotheses if h.kind == "effect"}
         self._log_samples = math.log(fitting.samples)
         self.doubt = math.inf if fitting.noise_held and not self.disturbed else 0.5 * HOPEFUL
         self.models: dict[frozenset[Hypothesis], tuple[Added, FittedHypothesis]] = {}

@@ -25,7 +25,7 @@ from harness.diagnosis.criteria import HOPEFUL, HORIZONS, PRIORS, TRIED
 from harness.diagnosis.fitting import FittedHypothesis, Fitting, ParameterPoint
 from harness.diagnosis.innovations.prediction import Ahead, Prediction
 from harness.diagnosis.model.augmented_model import AugmentedModel
-from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, called, hypotheses
+from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, called
 from harness.diagnosis.selection.acceptance import Candidate, Round, same
 from harness.diagnosis.selection.candidate_fits import Added, CandidateFits, own_of
 from harness.diagnosis.selection.posterior import (
@@ -289,7 +289,7 @@ class _Comparison:
         self.fits, self.rounds = fits, rounds
         self._prediction = Prediction(fits.augmented)
         self._known: dict[int, _Predicted] = {}  # by the fit, which is kept beside
-        self._odds = log_odds(hypotheses(fits.augmented, fits.free))
+        self._odds = log_odds(fits.hypotheses)
         self._alike: dict[Hypothesis, Alike] = {}
         step, longest = fits.augmented.spec.step, min(len(d.time) for d in fits.held_out.drives)
         self._samples = np.array([max(1.0, h if math.isinf(h) else round(h / step)) for h in HORIZONS])

@@ -18,7 +18,7 @@ import numpy as np
 from harness.common.arrays import Floats
 from harness.diagnosis.criteria import BIC_NEEDED, EXCESS, MOST, TRIED
 from harness.diagnosis.fitting import FittedHypothesis, ParameterPoint
-from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, hypotheses, still_open
+from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, still_open
 from harness.diagnosis.selection.acceptance import (
     Candidate,
     Round,
@@ -204,7 +204,7 @@ class SelectionRound:
 
     @cached_property
     def _odds(self) -> dict[tuple[str, str], float]:
-        return log_odds(hypotheses(self.candidate_fits.augmented, self.candidate_fits.free))
+        return log_odds(self.candidate_fits.hypotheses)
 
     def log_odds(self, s: Score) -> float:
         """Return the logarithm of the odds of a hypothesis before the drives are seen."""
@@ -216,10 +216,9 @@ class SelectionRound:
 
     def open(self) -> list[Hypothesis]:
         """Return what is not in force yet, and not refuted."""
-        free = self.candidate_fits.free
         fits = self.candidate_fits
-        taken = {n for h in (*self.added, *fits.refuted, *fits.always) for n in h.amplitudes} | set(free)
-        hypotheses_left = (still_open(h, taken) for h in hypotheses(fits.augmented, free))
+        taken = {n for h in (*self.added, *fits.refuted, *fits.always) for n in h.amplitudes} | set(fits.free)
+        hypotheses_left = (still_open(h, taken) for h in fits.hypotheses)
         return [h for h in hypotheses_left if h is not None]
 
     def leads_its_parts(self, several: Score) -> bool:
