@@ -410,12 +410,12 @@ class FilteredModel(ABC):
         begin, first = start or Start(0, self.first_state(drive, values))
         drive, held = self.read_ahead(drive, np.repeat(values[:, None], LANES, axis=1))
         inputs, between, valid_until = drive.inputs[begin:], drive.between[begin:], np.empty((1, LANES))
-        states, outputs = (np.empty((len(inputs), n, LANES)) for n in (self.compiled.nx, self.compiled.ny))
+        states, outputs = (np.empty((len(inputs), n)) for n in (self.compiled.nx, self.compiled.ny))
         constants, lanes = self.compiled.constants(held), np.repeat(first[:, None], LANES, axis=1)
         self._free.run_free((inputs, between), constants, lanes, self._limits, states, outputs, valid_until)
         until, simulated = int(valid_until[0, 0]), np.full(drive.measurements.shape, np.nan)
-        simulated[begin : begin + until] = outputs[:until, :, 0]
-        return FreeRun(states[: max(1, until), :, 0].copy(), simulated)
+        simulated[begin : begin + until] = outputs[:until]
+        return FreeRun(states[: max(1, until)], simulated)
 
     def first_state(self, drive: DriveData, values: Floats) -> Floats:
         """Return the state in which a recording begins ``(nx,)``, with parameters ``(np,)``."""

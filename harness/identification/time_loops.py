@@ -39,7 +39,6 @@ from harness.engine.simd.memory import borrowed, retain
 from harness.runner.contract import Filter, History, Recorder
 from harness.runner.filter_loop import (
     fill,
-    no_room,
     record_first,
     record_sample,
     recording_room,
@@ -113,14 +112,16 @@ def note_run(before, after, u_before, u, y, belief, info, scratch, k, notes):
         next_state(before.mean, u_before, belief.constants, x_prior, w)
         output_jacobian(x_prior, u, belief.constants, predicted, H)
         R, errors = belief.measurement_noise, belief.input_errors
-        keep_first_lane(info, y, H, after.covariance, R, S, factor, after.mean, k, notes)
-        if errors.shape[1] > 0:
+        keep_first_lane(info, y, S, factor, after.mean, k, notes)
+        if errors.shape[1] == 0:
+            keep_gain(y, H, after.covariance, R, k, notes)
+        else:
             next_covariance(before.mean, u_before, belief.constants, before.covariance, x_prior, P_prior, w)
             for i in range(NX):
                 put(get(P_prior, i, i) + get(belief.process_noise, i), P_prior, i, i)
             add_input_errors(P_prior, errors)
             see_errors(P_prior, H, errors, y, notes[3][k], V)
-            keep_gain(V, y, k, notes)
+            keep_correlated_gain(V, y, k, notes)
 
 
 def see_errors(P_prior, H, errors, y, whitening, V):
@@ -150,15 +151,14 @@ def see_errors(P_prior, H, errors, y, whitening, V):
             put(total, V, a, i)
 
 
-def keep_first_lane(info, y, H, P, R, S, factor, x, k, notes):
+def keep_first_lane(info, y, S, factor, x, k, notes):
     """Keep what the first lane's filter did at a sample, as plain numbers.
 
     Written to ``notes`` are the innovation and its standard deviation ``(samples, ny)``; the innovation over its
-    Cholesky factor ``(samples, ny)``, NaN where missing; the inverse of that factor ``(samples, ny, ny)``; the gain
-    ``K = P H' R^-1`` with the corrected covariance ``P`` ``(samples, nx, ny)``; and the corrected mean
-    ``(samples, states of x)``, of which the first ``NX`` are those of the filter.
+    Cholesky factor ``(samples, ny)``, NaN where missing; the inverse of that factor ``(samples, ny, ny)``; and the
+    corrected mean ``(samples, states of x)``, of which the first ``NX`` are those of the filter.
     """
-    innovation, deviation, whitened, whitening, gain, state = notes
+    innovation, deviation, whitened, whitening, _, state = notes
     factorise(info, y, S, factor)
     for a in range(NY):
         missing = np.isnan(y[a, 0])
@@ -174,20 +174,30 @@ def keep_first_lane(info, y, H, P, R, S, factor, x, k, notes):
         innovation[k, a] = info.innovation[a, 0]
         deviation[k, a] = np.sqrt(info.innovation_covariance[a, a, 0])
         whitened[k, a] = np.nan if missing else total
+    for i in range(x.shape[0]):
+        state[k, i] = x[i, 0]
+
+
+def keep_gain(y, H, P, R, k, notes):
+    """Keep the gain ``K = P H' R^-1`` with the corrected covariance ``P`` in the first lane ``(samples, nx, ny)``.
+
+    It holds for noise of the measurements that is independent of the prediction.
+    """
+    gain = notes[4]
+    for a in range(NY):
+        missing = np.isnan(y[a, 0])
         for i in range(NX):
             total = 0.0
             for j in range(NX):
                 total += P[i, j, 0] * H[a, j, 0]
             gain[k, i, a] = 0.0 if missing else total / R[a, 0]
-    for i in range(x.shape[0]):
-        state[k, i] = x[i, 0]
 
 
-def keep_gain(V, y, k, notes):
-    """Overwrite the kept gain by that of measurements that see the same errors of the inputs as the prediction.
+def keep_correlated_gain(V, y, k, notes):
+    """Keep the gain of measurements that see the same errors of the inputs as the prediction.
 
     It is their covariance with the state over the Cholesky factor ``L`` of theirs, ``V`` ``(ny, nx, LANES)``, times
-    ``L^-1``. The formula of ``keep_first_lane`` holds for independent noise only.
+    ``L^-1``, which ``keep_first_lane`` has kept.
     """
     whitening, gain = notes[3], notes[4]
     for i in range(NX):
@@ -238,7 +248,7 @@ def follow(u, between, y, constants, x0, gain, whitening, slopes):
         y: Measurements ``(samples, ny)``, NaN where missing.
         constants: ``(nc, LANES)``.
         x0: First mean ``(nx, LANES)``.
-        gain: From ``keep_first_lane``, ``(samples, nx, ny)``; states behind its rows are not corrected.
+        gain: That of the run, ``(samples, nx, ny)``; states behind its rows are not corrected.
         whitening: From ``keep_first_lane``, ``(samples, ny, ny)``.
         slopes: Derivatives of the whitened innovations, written ``(samples, ny, lanes)``.
     """
@@ -282,8 +292,8 @@ def run_free(source, constants, x0, limits, states, outputs, left_at):
         constants: ``(nc, LANES)``.
         x0: First state ``(nx, LANES)``.
         limits: Largest magnitude of each state ``(nx,)``.
-        states: Written ``(samples, nx, LANES)``.
-        outputs: Written ``(samples, ny, LANES)``.
+        states: Of the first lane, written ``(samples, nx)``.
+        outputs: Of the first lane, written ``(samples, ny)``.
         left_at: First sample outside the limits, written ``(1, LANES)``; ``samples`` if there is none.
     """
     run_vehicle(source, constants, x0, (limits, states, outputs, left_at))
@@ -295,12 +305,19 @@ def begin_free(samples, record):
     put(splat(1.0 * samples), left_at, 0)
 
 
+def room_of_outputs():
+    """Return the outputs of a sample in lanes."""
+    return (np.empty((NY, LANES)),)
+
+
 def keep_free(k, x, u, c, room, record):
     """Write state and outputs of a sample, and whether the state is outside its limits."""
-    limits, states, outputs, left_at = record
+    (y,), (limits, states, outputs, left_at) = room, record
+    output(x, u, c, y)
     for i in range(NX):
-        put(get(x, i), states, k, i)
-    output(x, u, c, outputs[k])
+        states[k, i] = x[i, 0]
+    for a in range(NY):
+        outputs[k, a] = y[a, 0]
     valid_until = get(left_at, 0)
     put(select((outside(x, limits) > 0.0) & (valid_until > 1.0 * k), 1.0 * k, valid_until), left_at, 0)
     return False
@@ -357,5 +374,5 @@ class Likelihood:
         return np.stack([history.facts[1:, 2].sum(axis=0), first_outside])
 
 
-FREE_RUN = FREE | {state_room: no_room, record_start: begin_free, record_state: keep_free}
+FREE_RUN = FREE | {state_room: room_of_outputs, record_start: begin_free, record_state: keep_free}
 """Kernels that ``run_free`` is made of."""

@@ -30,7 +30,7 @@ from harness.engine.kernel_names import (
     splat,
 )
 from harness.engine.simd.memory import borrowed, retain
-from harness.identification.time_loops import keep_first_lane, keep_gain
+from harness.identification.time_loops import keep_correlated_gain, keep_first_lane, keep_gain
 from harness.runner.filter_loop import fill, fill_table
 
 NX_WHOLE: Any = StandIn("NX_WHOLE")
@@ -99,9 +99,11 @@ def filter_whole(u, between, nominal, y, errors, constants, nominal_constants, Q
         for i in range(NX, NX_WHOLE):
             put(get(x_prior, i), x, i)
         if notes[0].shape[0] > 0:
-            keep_first_lane(info, y_now, H, P, R, S, factor, x, k, notes)
+            keep_first_lane(info, y_now, S, factor, x, k, notes)
             if errors.shape[2] > 0:
-                keep_gain(work[0], y_now, k, notes)
+                keep_correlated_gain(work[0], y_now, k, notes)
+            else:
+                keep_gain(y_now, H, P, R, k, notes)
         put(get(total, 0) + get(info.log_likelihood, 0), total, 0)
         valid_until = get(total, 1)
         put(select((beyond(x, valid[0], valid[1]) > 0.0) & (valid_until > 1.0 * k), 1.0 * k, valid_until), total, 1)
