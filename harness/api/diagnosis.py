@@ -122,10 +122,11 @@ class Diagnosis(Shown):
         from rich.console import Console
 
         from harness.common.errors import UserError
-        from harness.diagnosis.earlier_trace import EarlierTrace, with_absolute_paths
+        from harness.diagnosis.earlier_trace import EarlierTrace
         from harness.diagnosis.run import TraceTask, run_trace
         from harness.identification.common_step import at_common_step
         from harness.identification.data import refuse_the_same, step_of
+        from harness.identification.earlier_result import with_absolute_paths
         from harness.identification.measured_file import finely, fitted_parameters
 
         fitted, held_out = recordings_of(train, "train"), recordings_of(test, "test")
@@ -133,9 +134,7 @@ class Diagnosis(Shown):
         if before is not None:
             if len(baseline):
                 raise UserError("after: what planned drives told is not sought together with changes since a baseline")
-            stated = [*fitted, *held_out]
-            fitted = [*before.recordings("train", stated), *fitted]
-            held_out = [*before.recordings("test", stated), *held_out]
+            fitted, held_out = before.joined(fitted, held_out)
             model = Model(before.model) if model is None else model
         if model is None:
             raise UserError("model: give the nominal model; only with after it is that of the earlier trace")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,28 +16,31 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+    from harness.identification.earlier_result import EarlierResult
     from harness.identification.fit_recordings import Fitted
     from harness.identification.measured_file import MeasuredStudy
     from harness.identification.plant_fit import FittedPlant
 
 
 def identify(
-    model: Model,
+    model: Model | None,
     train: Any,
-    free: Sequence[str],
+    free: Sequence[str] = (),
     *,
     test: Any = (),
     method: str | None = None,
     settings: Mapping[str, Any] | None = None,
     seed: int = 0,
     jobs: int | None = None,
+    after: str | Path | None = None,
 ) -> Identification:
     """Fit parameters of a model to recordings.
 
     The search begins at the values of the model. All measured outputs of its sensors are fitted.
 
     Args:
-        model: The model. Sensors and step are those of the recordings where they are not stated.
+        model: The model. Sensors and step are those of the recordings where they are not stated. ``None`` is that of
+            the identification ``after``.
         train: Recording or list of recordings to fit: paths, DataFrames or Datasets, see ``harness.read_recording``.
         free: Names of the parameters to find.
         test: Held-out recordings, on which the fit is judged.
@@ -44,6 +48,9 @@ def identify(
         settings: Of the method.
         seed: Of the method's random numbers.
         jobs: Threads; all cores by default.
+        after: Folder of an earlier identification behind which drives were planned (``harness.next_drive``). Its
+            recordings are added to those that are stated, what else is not stated is its own, and the answer says
+            whether the standard errors are as expected.
 
     Returns:
         What was found.
@@ -64,12 +71,27 @@ def identify(
 
     from harness.common.stages import showing
     from harness.identification.data import step_of
+    from harness.identification.earlier_result import EarlierResult, with_absolute_paths
     from harness.identification.fit_recordings import FitTask, fit_recordings
 
-    fitted, held_out = _recordings(train, test)
-    spec = model.resolved_for([*fitted, *held_out], step=step_of(fitted[0]))
+    before = None if after is None else EarlierResult.read(Path(after))
+    fitted, held_out = _recordings(train, test, before)
     names = (free,) if isinstance(free, str) else tuple(free)
+    if before is not None:
+        asked = before.content["asked"]
+        model, names, seed = (
+            Model(before.model) if model is None else model,
+            names or before.free,
+            seed or asked["seed"],
+        )
+        settings = settings or (asked["settings"] if method in (None, asked["method"]) else {})
+        method = method or asked["method"]
+    if model is None:
+        raise UserError("model: give the model; only with after it is that of the earlier identification")
+    spec = model.resolved_for([*fitted, *held_out], step=step_of(fitted[0]))
     task = FitTask(spec, fitted, names, held_out, method or "likelihood", dict(settings or {}), seed, jobs)
+    table, _ = model.completed([*fitted, *held_out])
+    task = replace(task, stated=with_absolute_paths(table), after=before)
     with showing(Console(stderr=True), "compiling") as show:
         return Identification(fit_recordings(task, show))
 
@@ -151,12 +173,17 @@ def _number(text: str) -> float | str:
     return text.strip() if number is None else number
 
 
-def _recordings(train: Any, test: Any) -> tuple[list[xr.Dataset], list[xr.Dataset]]:
-    """Return the recordings to fit and those held out, if any, at one step."""
+def _recordings(
+    train: Any, test: Any, before: EarlierResult | None = None
+) -> tuple[list[xr.Dataset], list[xr.Dataset]]:
+    """Return the recordings to fit and those held out, if any, behind those of an earlier result, at one step."""
     from harness.identification.common_step import at_common_step
 
     fitted, none = recordings_of(train, "train"), test is None or (isinstance(test, list | tuple) and not test)
-    together = at_common_step([*fitted, *([] if none else recordings_of(test, "test"))])
+    held_out = [] if none else recordings_of(test, "test")
+    if before is not None:
+        fitted, held_out = before.joined(fitted, held_out)
+    together = at_common_step([*fitted, *held_out])
     return together[: len(fitted)], together[len(fitted) :]
 
 

@@ -70,11 +70,11 @@ def next_drive(task: NextDriveOptions) -> None:
     from rich.console import Console
     from rich.text import Text
 
-    from harness.diagnosis.earlier_trace import FOLDER
     from harness.experiment.kept_drives import TRIED
     from harness.experiment.limits import limits_of
     from harness.experiment.report import answer, write_design
     from harness.experiment.run import DesignTask, design_drives
+    from harness.identification.earlier_result import FOLDER
 
     out = task.out or task.result / FOLDER
     asked = DesignTask(

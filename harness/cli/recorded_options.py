@@ -54,6 +54,14 @@ FreeOption = Annotated[
     list[str] | None,
     typer.Option("--free", "-f", help="Parameters to fit, with commas between them; repeatable."),
 ]
+AfterOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--after",
+        metavar="RESULT",
+        help="Result behind which drives were planned: its model and recordings and these; did they tell as much?",
+    ),
+]
 IntegratorOption = Annotated[
     Literal["euler", "heun", "rk4"], typer.Option("--integrator", help="How the model's equations are integrated.")
 ]
@@ -180,6 +188,7 @@ class MeasuredOptions:
     channels: ChannelsOption = None
     databases: DatabaseOption = None
     free: FreeOption = None
+    after: AfterOption = None
     jobs: JobsOption = None
 
     def drives(self) -> tuple[list[xr.Dataset], list[xr.Dataset]]:
@@ -226,6 +235,18 @@ class MeasuredOptions:
         return MeasuredStudy.read(self.file), self.out or RESULTS / f"{command}-{self.file.stem}"
 
     @property
+    def folder(self) -> Path:
+        """Folder of the results: the one that is named, or one in that of the earlier result."""
+        if self.out is None:
+            assert self.after is not None
+            return self.after / "after"
+        return self.out
+
+    def nominal(self, **keys: Any) -> Model | None:
+        """Return the model, with further keys; ``None`` where it is that of the earlier result."""
+        return model_of(self.model, **keys) if self.model.vehicle or self.after is None else None
+
+    @property
     def plant(self) -> dict[str, Any]:
         """What stands in place of a model."""
         return {}
@@ -237,5 +258,5 @@ class MeasuredOptions:
 
     @property
     def implied(self) -> tuple[str, ...]:
-        """Options that need not be given without a file either."""
-        return ()
+        """Options that an earlier result states."""
+        return () if self.after is None else ("--model", "--out")

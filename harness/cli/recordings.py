@@ -21,7 +21,6 @@ from harness.cli.options import (
     SignalOption,
     command,
     listed,
-    model_of,
     pairs,
     printed,
     study_path,
@@ -184,7 +183,8 @@ def identify(task: IdentifyOptions) -> None:
 
     Takes a file of measured drives, such as studies/identify/genesis.toml, or a model and recordings. The search begins
     at the values of the parameter set. All measured outputs of the sensors are fitted. With --fmu or --python a plant
-    of somebody else is fitted by its simulation error.
+    of somebody else is fitted by its simulation error. With --after the drives that were planned behind an earlier
+    identification are fitted together with its own.
     Writes a parameter set that studies load, identify.json, and a report on the fitted and the held-out drives.
     """
     from harness.api.identification import identified_file, identified_plant
@@ -197,8 +197,9 @@ def identify(task: IdentifyOptions) -> None:
             return
         fit = identified_file(study, task.jobs)
     elif task.plant:
-        assert task.out is not None
-        out = task.out
+        if task.after is not None:
+            raise UserError("--after: drives are planned for models of the library, not for a plant of somebody else")
+        out = task.folder
         train, test = task.drives()
         fit = identified_plant(
             task.plant,
@@ -211,11 +212,10 @@ def identify(task: IdentifyOptions) -> None:
             jobs=task.jobs,
         )
     else:
-        assert task.out is not None
-        out, free = task.out, listed(task.free or [])
+        out, free = task.folder, listed(task.free or [])
         train, test = task.drives()
         fit = identified(
-            model_of(task.model, integrator=task.integrator, substeps=task.substeps),
+            task.nominal(integrator=task.integrator, substeps=task.substeps),
             train,
             free,
             test=test,
@@ -223,6 +223,7 @@ def identify(task: IdentifyOptions) -> None:
             settings=pairs(task.settings, "--setting"),
             seed=task.seed,
             jobs=task.jobs,
+            after=task.after,
         )
     for note in fit.notes:
         Console(stderr=True).print(Text(f"warning: {note}", style="yellow"), soft_wrap=True)
@@ -259,24 +260,11 @@ class TraceOptions(MeasuredOptions):
         list[Path] | None,
         typer.Option("--baseline", help="Earlier recording of the vehicle; two or more: what changed since?"),
     ] = None
-    after: Annotated[
-        Path | None,
-        typer.Option(
-            "--after",
-            metavar="RESULT",
-            help="Trace behind which drives were planned: its model and recordings and these; did they tell as much?",
-        ),
-    ] = None
 
     @property
     def needed(self) -> dict[str, Any]:
         """What is needed further without a file, by its option."""
         return {"--test": self.test}
-
-    @property
-    def implied(self) -> tuple[str, ...]:
-        """Options that an earlier trace states."""
-        return () if self.after is None else ("--model", "--out")
 
 
 @takes(TraceOptions)
@@ -293,15 +281,13 @@ def trace(task: TraceOptions) -> None:
     if (of_file := task.of_file("trace")) is not None:
         _trace_file(*of_file, task.jobs)
         return
-    out = task.out or (task.after / "after" if task.after is not None else None)
-    assert out is not None
+    out = task.folder
     study = None if task.study is None else study_path(task.study)
     estimators = None if task.estimators is None else listed(task.estimators)
     diagnosis = Diagnosis(listed(task.free or []), estimators, study, task.repeats, task.jobs)
     train, test = task.drives()
     baseline = task.read(task.baseline or [])
-    model = model_of(task.model) if task.model.vehicle or task.after is None else None
-    diagnosis.fit(model, train, test, out, baseline, task.after)
+    diagnosis.fit(task.nominal(), train, test, out, baseline, task.after)
     with showing(Console(stderr=True), "writing the report"):
         written = diagnosis.report(out, command())
     printed(diagnosis.answer_, written)

@@ -27,7 +27,7 @@ from harness.common.places import inside
 from harness.common.stages import bar
 from harness.config import ModelSpec
 from harness.diagnosis.criteria import CALM, ROUNDS
-from harness.diagnosis.earlier_trace import EarlierTrace, record_of_recordings
+from harness.diagnosis.earlier_trace import EarlierTrace
 from harness.diagnosis.fitting import KeptFits
 from harness.diagnosis.gain_ranges import gain_ranges
 from harness.diagnosis.model.augmented_model import AugmentedModel
@@ -41,6 +41,7 @@ from harness.diagnosis.result.study_gain import REPEATS, StudyGain, refuse_study
 from harness.diagnosis.selection.baseline import learnt, of_roads
 from harness.diagnosis.selection.forward_selection import trace
 from harness.identification.data import DriveData, measurements_of, steered
+from harness.identification.earlier_result import record_of_recordings
 from harness.identification.measured_file import SHORT_BY, SHORTEST, names_of, refuse_repeated
 from harness.recordings.check.examine import recording_warnings
 

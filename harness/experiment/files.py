@@ -15,11 +15,11 @@ from harness.common.errors import UserError
 from harness.common.files import json_text, read_text, toml_text
 from harness.common.places import inside, remove
 from harness.config import DriveSpec
-from harness.diagnosis.earlier_trace import PLAN
 from harness.experiment.contract import ExpectedOutcome
 from harness.experiment.design import TriedDrive
 from harness.experiment.limits import stated
 from harness.experiment.run import Designed
+from harness.identification.earlier_result import PLAN
 
 RESULT, DRIVES = PLAN, "next_drive.toml"
 

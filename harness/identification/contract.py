@@ -115,6 +115,8 @@ class Fit:
         coloured: Outputs whose innovations are coloured by so much that the intervals are wider for it.
         notes: Sentences for the report.
         further: Numbers of the method's own for ``identify.json``.
+        asked: What ``EarlierResult`` reads of the task.
+        planned: What came of the errors that planned drives were expected to leave, as ``record_of_errors`` has it.
     """
 
     method: str
@@ -129,6 +131,8 @@ class Fit:
     coloured: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     further: Mapping[str, Any] = field(default_factory=dict)
+    asked: Mapping[str, Any] = field(default_factory=dict)
+    planned: Mapping[str, Any] | None = None
 
     def estimate(self, name: str) -> Estimate:
         """Return the estimate of a parameter or variance by name."""

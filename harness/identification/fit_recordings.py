@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
+from pydantic import BaseModel
 
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
@@ -22,6 +23,8 @@ from harness.config.model_choice import complete
 from harness.config.parameter_set import load_set
 from harness.identification.contract import Fit, Problem, load_method, settings_of
 from harness.identification.data import DriveData, refuse_the_same, steered, step_of
+from harness.identification.earlier_result import EarlierResult, record_of_recordings
+from harness.identification.expectation import reached_errors, record_of_errors
 from harness.identification.free_run import blocks
 from harness.identification.innovations import Innovations
 from harness.identification.measured_file import finely, fitted_parameters, names_of, refuse_repeated
@@ -45,6 +48,8 @@ class FitTask:
         settings: Of the method; its defaults for what is absent.
         seed: Of the method's random numbers.
         jobs: Threads; all cores by default.
+        stated: Keys of the model, so that it can be fitted again.
+        after: Identification behind which drives of these were planned.
     """
 
     spec: ModelSpec
@@ -55,6 +60,20 @@ class FitTask:
     settings: Mapping[str, Any] = field(default_factory=dict)
     seed: int = 0
     jobs: int | None = None
+    stated: Mapping[str, Any] = field(default_factory=dict)
+    after: EarlierResult | None = None
+
+    def asked(self, settings: BaseModel) -> dict[str, Any]:
+        """Return what ``EarlierResult`` reads of it, with the settings as the method takes them."""
+        train, test = (record_of_recordings(recordings) for recordings in (self.train, self.test))
+        kept = {"settings": settings.model_dump(mode="json", exclude_unset=True), "train": train, "test": test}
+        return {
+            "model": dict(self.stated),
+            "free": list(self.free),
+            "method": self.method,
+            "seed": int(self.seed),
+            **kept,
+        }
 
 
 @dataclass(frozen=True)
@@ -139,6 +158,10 @@ def fit_recordings(task: FitTask, say: Callable[[str], None] = lambda _: None) -
     drives = [innovations.drive(r, name, "joined") for r, name in zip(recordings, names, strict=True)]
     problem = Problem(innovations, tuple(drives[: len(task.train)]), task.free, task.seed)
     fit = method.identify(problem, settings, lambda text: say(f"{task.method}: {text}"))
+    fit = replace(fit, asked=task.asked(settings))
+    if task.after is not None:
+        reached = reached_errors(task.after.plan, fit.estimates, fit.spec)
+        fit = replace(fit, planned=record_of_errors(reached))
     return Fitted(problem, fit, tuple(drives[len(task.train) :]), recording_warnings(recordings))
 
 

@@ -187,7 +187,8 @@ def _growth(drive: DriveData, errors: Sequence[Floats], power: Floats) -> Floats
 
 def answer(fit: Fit, judged: Sequence[Judged] = ()) -> str:
     """Return the result in sentences; the first says so if the fit failed on the drives by which it is ``judged``."""
-    return " ".join(sentence for sentence in (failure(judged), _counted(fit), _coloured(fit)) if sentence)
+    planned = "" if fit.planned is None else fit.planned["words"]
+    return " ".join(sentence for sentence in (failure(judged), _counted(fit), planned, _coloured(fit)) if sentence)
 
 
 def _counted(fit: Fit) -> str:
@@ -290,6 +291,8 @@ def record(fit: Fit, judged: list[Judged]) -> dict[str, Any]:
         ],
         "history": [_number(v) for v in fit.history],
         "notes": list(fit.notes),
+        "asked": dict(fit.asked),
+        "after": fit.planned,
         **fit.further,
     }
 

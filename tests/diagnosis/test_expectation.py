@@ -10,10 +10,11 @@ import pytest
 from harness.common.errors import UserError
 from harness.common.statistics import Interval
 from harness.diagnosis.criteria import HORIZONS
-from harness.diagnosis.earlier_trace import EarlierTrace, record_of_recordings, with_absolute_paths
+from harness.diagnosis.earlier_trace import EarlierTrace
 from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.result.expectation import expectation_met, record_of_expectation
 from harness.diagnosis.selection.posterior import Alike, ComparedModel, Posterior
+from harness.identification.earlier_result import record_of_recordings, with_absolute_paths
 from harness.recordings import load_recording
 
 
@@ -128,7 +129,7 @@ def test_the_recordings_of_an_earlier_trace_are_read_again(earlier):
         trace.recordings("test", [])
     assert trace.recordings("test", [load_recording(earlier / "test.csv")]) == []
     recording(earlier / "train.csv", 3)
-    with pytest.raises(UserError, match="something else than when it was traced"):
+    with pytest.raises(UserError, match="something else than in that trace"):
         trace.recordings("train", [])
     (earlier / "train.csv").unlink()
     with pytest.raises(UserError, match=r"cannot be read again; state it as well, as train"):

@@ -1,0 +1,144 @@
+"""An earlier result with the drives that were planned behind it: its recordings read again, model and plan."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import xarray as xr
+
+from harness.common.errors import UserError
+from harness.common.files import read_text
+from harness.identification.common_step import RESAMPLED, resampled
+from harness.recordings.read.load import load_recording
+from harness.recordings.read.origin import ORIGIN, digest
+
+PLAN, FOLDER = "next_drive.json", "next-drive"
+"""Of planned drives, and where they are in the folder of a result if nothing else was asked for."""
+
+
+def record_of_recordings(recordings: Sequence[xr.Dataset]) -> list[dict[str, Any]]:
+    """Return names of recordings, how each is read again (``null`` if it came from memory), and digests."""
+    return [{"name": str(r.attrs["name"]), "origin": _origin(r), "digest": digest(r)} for r in recordings]
+
+
+def with_absolute_paths(model: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the keys of a model with files named so that they hold in any folder."""
+    return {k: str(Path(v).resolve()) if isinstance(v, str) and Path(v).is_file() else v for k, v in model.items()}
+
+
+def _origin(recording: xr.Dataset) -> dict[str, Any] | None:
+    origin = recording.attrs.get(ORIGIN)
+    return None if origin is None else dict(json.loads(origin))
+
+
+@dataclass(frozen=True)
+class EarlierResult:
+    """A result behind which drives were planned; that of an identification, and ``EarlierTrace``.
+
+    Attributes:
+        FILE, KIND: Its file, and what it is.
+        EXPECTED, ELSE: Key of what a plan behind it expects, and for what one without is planned.
+        folder: Of the result.
+        content: Of its file.
+        plan: Of ``next_drive.json``.
+    """
+
+    FILE: ClassVar[str] = "identify.json"
+    KIND: ClassVar[str] = "identification"
+    EXPECTED: ClassVar[str] = "parameters"
+    ELSE: ClassVar[str] = "for something else than standard errors of parameters; fit all recordings without --after"
+
+    folder: Path
+    content: Mapping[str, Any]
+    plan: Mapping[str, Any]
+
+    @classmethod
+    def read(cls, result: Path) -> Self:
+        """Return the result of a folder that holds it, or the drives that were planned behind it.
+
+        Raises:
+            UserError: If there is none, no drives were planned, or these are of something else.
+        """
+        places = (result / FOLDER / PLAN, result / PLAN)
+        file = next((p for p in places if p.is_file()), None)
+        if file is None:
+            raise UserError(f"{result}: holds no {FOLDER}/{PLAN}; plan drives first: harness next-drive {result}")
+        plan = _json(file)
+        folders = (result, result.parent, Path(str(plan.get("result", ""))))
+        folder = next((f for f in folders if (f / cls.FILE).is_file()), None)
+        expected = plan.get("expected")
+        if folder is None or not isinstance(expected, dict):
+            raise UserError(f"{file}: the drives are planned behind no {cls.KIND} whose {cls.FILE} is there")
+        content = _json(folder / cls.FILE)
+        if "asked" not in content:
+            raise UserError(f"{folder / cls.FILE}: an earlier version wrote it; run the {cls.KIND} and plan again")
+        if cls.EXPECTED not in expected:
+            raise UserError(f"{file}: the drives are planned {cls.ELSE}")
+        return cls(folder, content, plan)
+
+    @property
+    def model(self) -> dict[str, Any]:
+        """Keys of its model, as ``harness.model`` takes them.
+
+        Raises:
+            UserError: If it does not state them, as where a file stated the measured drives.
+        """
+        model = self.content["asked"]["model"]
+        if not model:
+            raise UserError(f"{self.folder / self.FILE}: does not state its model; name it with --model")
+        return dict(model)
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Parameters that were fitted; of a trace those in any case."""
+        return tuple(self.content["asked"]["free"])
+
+    def joined(
+        self, fitted: Sequence[xr.Dataset], held_out: Sequence[xr.Dataset]
+    ) -> tuple[list[xr.Dataset], list[xr.Dataset]]:
+        """Return stated recordings behind its own.
+
+        Raises:
+            UserError: As ``recordings``.
+        """
+        stated = [*fitted, *held_out]
+        return [*self.recordings("train", stated), *fitted], [*self.recordings("test", stated), *held_out]
+
+    def recordings(self, role: str, stated: Sequence[xr.Dataset]) -> list[xr.Dataset]:
+        """Return its recordings of a role, ``train`` or ``test``, that are not among those stated, read again.
+
+        Raises:
+            UserError: If one came from memory, is no longer there, or holds something else.
+        """
+        digests = {digest(r) for r in stated}
+        sources = {origin["source"] for r in stated if (origin := _origin(r)) is not None}
+        recordings = []
+        for entry in self.content["asked"][role]:
+            origin, name = entry["origin"], entry["name"]
+            if entry["digest"] in digests or (origin is not None and origin["source"] in sources):
+                continue
+            remedy = f"state it as well, as {role}"
+            if origin is None:
+                raise UserError(f"{self.folder}: '{name}' came from memory and cannot be read again; {remedy}")
+            try:
+                again = load_recording(
+                    origin["source"], origin["channels"], origin["step"], name, databases=origin["databases"]
+                )
+            except UserError as error:
+                raise UserError(f"{self.folder}: '{name}' cannot be read again; {remedy} ({error})") from error
+            again = resampled(again, origin[RESAMPLED]) if RESAMPLED in origin else again
+            if digest(again) != entry["digest"]:
+                raise UserError(f"{origin['source']}: holds something else than in that {self.KIND}; {remedy}")
+            recordings.append(again)
+        return recordings
+
+
+def _json(file: Path) -> dict[str, Any]:
+    try:
+        return dict(json.loads(read_text(file)))
+    except (ValueError, TypeError) as error:
+        raise UserError(f"{file}: is no file of the harness ({error})") from error

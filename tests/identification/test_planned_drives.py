@@ -1,0 +1,122 @@
+"""An identification gone on from with planned drives: joined with its recordings, its errors against the plan's."""
+
+import json
+import math
+from dataclasses import replace
+
+import pytest
+from typer.testing import CliRunner
+
+from harness.cli.main import app
+from harness.common.errors import UserError
+from harness.config import resolve_single
+from harness.identification.common_step import at_common_step
+from harness.identification.contract import Estimate
+from harness.identification.earlier_result import EarlierResult, record_of_recordings
+from harness.identification.expectation import in_words, reached_errors, record_of_errors, verdict_of
+from harness.recordings import load_recording
+from harness.recordings.read.write import write_recording
+from support.identification import CAR, model_of, recorded
+
+FREE = "stiffness_over_load_front,mass_over_inertia"
+LINE = ["identify", "--model", "car_reference_point", "--parameters", "sun_2015", "--sensors", "car_reference"]
+QUICK = ["--setting", "profiles=false", "--setting", "annealings=0"]
+
+
+def plan_of(**errors):
+    """Return a plan that expects standard errors, by name: value, before and after."""
+    return {
+        "expected": {
+            "parameters": {
+                name: {"unit": "1/rad", "value": value, "standard_error": {"before": before, "after": after}}
+                for name, (value, before, after) in errors.items()
+            }
+        }
+    }
+
+
+def run(*words):
+    return CliRunner().invoke(app, list(map(str, words)))
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """Return a folder with two recordings and a fit to the first one behind which a drive was planned."""
+    folder = tmp_path_factory.mktemp("results")
+    for seed, name in ((1, "first"), (2, "second")):
+        write_recording(recorded(model_of(CAR), seed, duration=6.0, speed=15.0, amplitude=0.5), folder / f"{name}.csv")
+    done = run(*LINE, *QUICK, "--train", folder / "first.csv", "--free", FREE, "--out", folder / "fit")
+    assert done.exit_code == 0, done.output
+    estimates = {e["name"]: e for e in json.loads((folder / "fit" / "identify.json").read_text())["estimates"]}
+    (folder / "fit" / "next-drive").mkdir()
+    errors = {
+        n: (estimates[n]["value"], estimates[n]["standard_error"], estimates[n]["standard_error"] / math.sqrt(2.0))
+        for n in FREE.split(",")
+    }
+    plan = {"result": str(folder / "fit"), **plan_of(**errors)}
+    (folder / "fit" / "next-drive" / "next_drive.json").write_text(json.dumps(plan))
+    return folder
+
+
+def test_a_fit_goes_on_from_an_earlier_one_with_its_recordings_and_settings(results):
+    done = run("identify", "--after", results / "fit", "--train", results / "second.csv")
+    assert done.exit_code == 0, done.output
+    both = ["--train", results / "first.csv", "--train", results / "second.csv"]
+    assert run(*LINE, *QUICK, *both, "--free", FREE, "--out", results / "both").exit_code == 0
+    again, joint = (json.loads((results / f / "identify.json").read_text()) for f in ("fit/after", "both"))
+    assert again["estimates"] == joint["estimates"]
+    assert joint["after"] is None
+    assert again["after"]["verdict"] == "as expected"  # a second drive of the same kind: errors over the root of two
+    assert again["after"]["words"] in again["answer"]
+    assert again["after"]["words"] in " ".join(done.stdout.split())
+    for entry in again["after"]["standard_errors"]:
+        estimate = next(e for e in joint["estimates"] if e["name"] == entry["name"])
+        assert entry["reached"] == estimate["standard_error"]
+        assert entry["ratio"] == pytest.approx(entry["reached"] / entry["expected"])
+
+
+def test_what_is_no_plan_behind_a_fit_is_refused(results, tmp_path):
+    plan = json.loads((results / "fit" / "next-drive" / "next_drive.json").read_text())
+    said = {
+        "holds no next-drive/next_drive.json; plan drives first": None,
+        "behind no identification whose identify.json is there": {**plan, "result": "elsewhere"},
+    }
+    for words, content in said.items():
+        if content is not None:
+            (tmp_path / "next_drive.json").write_text(json.dumps(content))
+        done = run("identify", "--after", tmp_path, "--train", results / "second.csv")
+        assert (done.exit_code, words in done.stderr) == (2, True), done.stderr
+    (tmp_path / "identify.json").write_text("{}")
+    with pytest.raises(UserError, match="an earlier version wrote it"):
+        EarlierResult.read(tmp_path)
+    (tmp_path / "identify.json").write_text((results / "fit" / "identify.json").read_text())
+    assert EarlierResult.read(tmp_path).free == tuple(FREE.split(","))
+    (tmp_path / "next_drive.json").write_text(json.dumps({"result": "", "expected": {"errors": {}}}))
+    with pytest.raises(UserError, match="for something else than standard errors"):
+        EarlierResult.read(tmp_path)
+
+
+def test_a_recording_brought_to_another_step_is_read_again_as_it_was_fitted(results, tmp_path):
+    table = load_recording(results / "first.csv", step=0.00998).to_dataframe().round(9)
+    table.to_csv(tmp_path / "off.csv")
+    first, off = at_common_step([load_recording(results / "first.csv"), load_recording(tmp_path / "off.csv")])
+    content = {"asked": {"train": record_of_recordings([first, off]), "test": []}}
+    earlier = replace(EarlierResult.read(results / "fit"), content=content)
+    assert [a.equals(b) for a, b in zip(earlier.recordings("train", []), (first, off), strict=True)] == [True, True]
+    assert earlier.recordings("train", [first, load_recording(tmp_path / "off.csv")]) == []  # whose step is its own
+
+
+def test_errors_are_compared_in_proportion_to_positive_parameters():
+    spec = resolve_single(CAR, "test")
+    front, rear = "stiffness_over_load_front", "stiffness_over_load_rear"
+    found = [Estimate(front, "1/rad", 8.0, 16.0, 2.1), Estimate(rear, "1/rad", 8.0, 8.0, math.inf)]
+    plan = plan_of(**{front: (8.0, None, 1.0), rear: (8.0, 3.0, 1.0), "mass_over_inertia": (1.0, 1.0, 0.5)})
+    reached = reached_errors(plan, found, spec)
+    assert [(r.name, r.expected, r.before) for r in reached] == [(front, 2.0, math.inf), (rear, 1.0, 3.0)]
+    assert verdict_of(reached[:1]) == "as expected"
+    assert verdict_of(reached) == "larger"
+    assert verdict_of([replace(reached[0], reached=1.5)]) == "smaller"
+    assert verdict_of([replace(reached[0], reached=math.nan)]) == "not stated"
+    assert record_of_errors(reached)["standard_errors"][1]["ratio"] is None
+    assert "stiffness over load front is 2.10 1/rad (expected 2.00, before ∞)" in in_words(reached[:1])
+    assert record_of_errors(()) is None
