@@ -22,17 +22,16 @@ PLAN, FOLDER = "next_drive.json", "next-drive"
 
 def record_of_recordings(recordings: Sequence[xr.Dataset]) -> list[dict[str, Any]]:
     """Return names of recordings, how each is read again (``null`` if it came from memory), and digests."""
-    return [{"name": str(r.attrs["name"]), "origin": _origin(r), "digest": digest(r)} for r in recordings]
+    origins = [r.attrs.get(ORIGIN) for r in recordings]
+    return [
+        {"name": str(r.attrs["name"]), "origin": None if origin is None else json.loads(origin), "digest": digest(r)}
+        for r, origin in zip(recordings, origins, strict=True)
+    ]
 
 
 def with_absolute_paths(model: Mapping[str, Any]) -> dict[str, Any]:
     """Return the keys of a model with files named so that they hold in any folder."""
     return {k: str(Path(v).resolve()) if isinstance(v, str) and Path(v).is_file() else v for k, v in model.items()}
-
-
-def _origin(recording: xr.Dataset) -> dict[str, Any] | None:
-    origin = recording.attrs.get(ORIGIN)
-    return None if origin is None else dict(json.loads(origin))
 
 
 @dataclass(frozen=True)
@@ -114,12 +113,11 @@ class EarlierResult:
         Raises:
             UserError: If one came from memory, is no longer there, or holds something else.
         """
-        digests = {digest(r) for r in stated}
-        sources = {origin["source"] for r in stated if (origin := _origin(r)) is not None}
-        recordings = []
+        digests, recordings = {digest(r) for r in stated}, []
         for entry in self.content["asked"][role]:
             origin, name = entry["origin"], entry["name"]
-            if entry["digest"] in digests or (origin is not None and origin["source"] in sources):
+            brought = None if origin is None else origin.get(RESAMPLED)
+            if entry["digest"] in digests | {digest(resampled(r, brought)) for r in stated if brought is not None}:
                 continue
             remedy = f"state it as well, as {role}"
             if origin is None:
@@ -130,9 +128,12 @@ class EarlierResult:
                 )
             except UserError as error:
                 raise UserError(f"{self.folder}: '{name}' cannot be read again; {remedy} ({error})") from error
-            again = resampled(again, origin[RESAMPLED]) if RESAMPLED in origin else again
+            again = again if brought is None else resampled(again, brought)
             if digest(again) != entry["digest"]:
-                raise UserError(f"{origin['source']}: holds something else than in that {self.KIND}; {remedy}")
+                raise UserError(
+                    f"{origin['source']}: holds something else than in that {self.KIND}; put back what it held, or "
+                    "state all recordings without --after"
+                )
             recordings.append(again)
         return recordings
 

@@ -104,6 +104,12 @@ def test_a_recording_brought_to_another_step_is_read_again_as_it_was_fitted(resu
     earlier = replace(EarlierResult.read(results / "fit"), content=content)
     assert [a.equals(b) for a, b in zip(earlier.recordings("train", []), (first, off), strict=True)] == [True, True]
     assert earlier.recordings("train", [first, load_recording(tmp_path / "off.csv")]) == []  # whose step is its own
+    assert [r.attrs["name"] for r in earlier.recordings("train", [first])] == ["off"]
+    (results / "first.csv").rename(tmp_path / "kept.csv")
+    load_recording(results / "second.csv").to_dataframe().to_csv(results / "first.csv")
+    with pytest.raises(UserError, match=r"first.csv: holds something else than in that identification"):
+        earlier.recordings("train", [load_recording(results / "first.csv")])  # not left out because of its name
+    (tmp_path / "kept.csv").rename(results / "first.csv")
 
 
 def test_errors_are_compared_in_proportion_to_positive_parameters():
