@@ -91,5 +91,8 @@ class Goal(Protocol):
     def value(self, evidence: Evidence | None, /) -> float:
         """Return the criterion behind drives, the smaller the better; before any with ``None``."""
 
+    def preference(self, evidence: Evidence | None, /) -> float:
+        """Return what decides between drives that settle as much, or not all: the smaller the better."""
+
     def expectation(self, evidence: Evidence | None, /) -> ExpectedOutcome:
         """Return what is expected behind drives; before any with ``None``."""

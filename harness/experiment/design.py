@@ -56,6 +56,7 @@ class TriedDrive:
         evidence: What it tells, driven once.
         times: How often it is driven: until nothing is left to be driven for, or the budget is spent.
         value: The criterion behind that.
+        preference: What decides between drives that settle as much, or not all.
         settles: Whether nothing is left to be driven for then.
         rehearse: Returns the drive as it was rehearsed.
     """
@@ -65,6 +66,7 @@ class TriedDrive:
     evidence: Evidence
     times: int
     value: float
+    preference: float
     settles: bool
     rehearse: Callable[[], Rehearsed]
 
@@ -80,8 +82,8 @@ class TriedDrive:
 
     @property
     def rank(self) -> tuple[float, float]:
-        """The smaller the better: the sooner all is settled, and then the criterion."""
-        return self.seconds if self.settles else math.inf, self.value
+        """The smaller the better: the sooner all is settled, and then what is preferred."""
+        return self.seconds if self.settles else math.inf, self.preference
 
 
 @dataclass(frozen=True)
@@ -151,8 +153,9 @@ def design(
     ranked = tuple(_best(pool))
     sequence = greedy(goal, pool, budget)
     evidence = total([(t.evidence, times) for t, times in sequence]) if sequence else None
-    value, seconds = goal.value(evidence), sum(t.duration * times for t, times in sequence)
-    if ranked and not (seconds if value <= goal.enough else math.inf, value) < ranked[0].rank:
+    seconds = sum(t.duration * times for t, times in sequence)
+    settled = goal.value(evidence) <= goal.enough
+    if ranked and not (seconds if settled else math.inf, goal.preference(evidence)) < ranked[0].rank:
         sequence = ((ranked[0], ranked[0].times),)
         evidence = total([(ranked[0].evidence, ranked[0].times)])
     return DrivePlan(ranked, sequence, evidence, goal.value(evidence), refused, count)
@@ -169,29 +172,29 @@ def _best(pool: Sequence[TriedDrive]) -> list[TriedDrive]:
 def greedy(goal: Goal, pool: Sequence[TriedDrive], budget: float) -> tuple[tuple[TriedDrive, int], ...]:
     """Return drives of a budget, each time the one with the largest gain per second, with how often each is driven.
 
-    They end where nothing is left to be driven for. Where nothing has a value yet, the one with the best value alone
-    begins.
+    They end where nothing is left to be driven for. Where nothing is preferred yet, the one that is so alone begins.
     """
     taken: dict[int, int] = {}
     evidence: Evidence | None = None
-    spent, value = 0.0, goal.value(None)
-    while value > goal.enough and (
+    spent, preference = 0.0, goal.preference(None)
+    while goal.value(evidence) > goal.enough and (
         fit := [i for i, t in enumerate(pool) if spent + goal.turns * t.duration <= budget + 1e-9]
     ):
         after = [
-            goal.value(total([(pool[i].evidence, goal.turns), *([(evidence, 1)] if evidence else [])])) for i in fit
+            goal.preference(total([(pool[i].evidence, goal.turns), *([(evidence, 1)] if evidence else [])]))
+            for i in fit
         ]
-        if math.isfinite(value):
-            gains = [(value - a) / pool[i].duration for i, a in zip(fit, after, strict=True)]
+        if math.isfinite(preference):
+            gains = [(preference - a) / pool[i].duration for i, a in zip(fit, after, strict=True)]
             k = int(np.argmax(gains))
             if not gains[k] > 0:
                 break
         else:
-            k = int(np.argmin([a if math.isfinite(a) else pool[i].value for i, a in zip(fit, after, strict=True)]))
+            k = int(np.argmin([a if math.isfinite(a) else pool[i].preference for i, a in zip(fit, after, strict=True)]))
         i = fit[k]
         taken[i] = taken.get(i, 0) + goal.turns
         evidence = total([(pool[i].evidence, goal.turns), *([(evidence, 1)] if evidence else [])])
-        spent, value = spent + goal.turns * pool[i].duration, after[k]
+        spent, preference = spent + goal.turns * pool[i].duration, after[k]
     return tuple((pool[i], times) for i, times in taken.items())
 
 
@@ -288,7 +291,9 @@ class _Search:
             return _BUDGET
         most -= most % turns
         for times in range(turns if math.isfinite(enough) else most, most + 1, turns):
-            value = self.goal.value(total([(evidence, times)]))
+            repeated = total([(evidence, times)])
+            value = self.goal.value(repeated)
             if value <= enough:
                 break
-        return TriedDrive(self.manoeuvre, duration, evidence, times, value, value <= enough, rehearse)
+        preference = self.goal.preference(repeated)
+        return TriedDrive(self.manoeuvre, duration, evidence, times, value, preference, value <= enough, rehearse)

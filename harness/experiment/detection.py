@@ -9,7 +9,8 @@ together tell at least as much (a Schur complement of a sum is no less than the 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from harness.common.registry import closest
 from harness.diagnosis.criteria import BLOCK
 from harness.experiment.contract import Evidence, ExpectedOutcome
 from harness.experiment.information import log_error, open_covariance
-from harness.experiment.rehearsal import Rehearsed
+from harness.experiment.rehearsal import Rehearsed, without_outputs
 from harness.experiment.separation import OpenTrace, SeparationGoal
 from harness.identification.measured_file import SHORTEST
 from harness.identification.uncertainty import marginal
@@ -28,6 +29,41 @@ from harness.reporting.style import with_unit
 
 LIMIT = 3.0
 """Standard errors of an amplitude that can be told from none."""
+
+
+class LikeliestModel:
+    """The likeliest model of a trace with further amplitudes of the library, and what drives tell of both.
+
+    Args:
+        goal: The confusable set, with a filter that has the amplitudes.
+        amplitudes: Parameters of the library that the likeliest model has not.
+
+    Attributes:
+        own: Number of coordinates of the likeliest model; those of the amplitudes, in units of a third of the SI unit,
+            come behind them.
+        so_far: What the drives so far say of its own ``(own, own)``.
+    """
+
+    def __init__(self, goal: SeparationGoal, amplitudes: Iterable[str]) -> None:
+        likeliest, self._goal = goal.filters[0], goal
+        level = int(np.argmin(likeliest.cost))
+        self._point, self.so_far = likeliest.points[level], likeliest.so_far.information[level]
+        self.own = len(likeliest.coordinates)
+        self._names = [*(c.name for c in likeliest.coordinates), *amplitudes]
+        slopes = [c.slope(c.centre) for c in likeliest.coordinates]
+        self._scales = np.array(slopes + [1.0 / LIMIT] * (len(self._names) - self.own))
+
+    def information(self, drive: Rehearsed) -> Floats:
+        """Return the Fisher information of a drive ``(n, n)``; none of a calm one."""
+        n, model = len(self._names), self._goal.model
+        planned = model.drive(without_outputs(drive.profile, model.model), drive.drive.name)
+        data = replace(planned, measurements=drive.data[0].measurements)
+        run = model.run(data, self._point)
+        if self._goal.is_calm(data) or not math.isfinite(run.log_likelihood):
+            return np.zeros((n, n))
+        directions = model.along(self._names) * self._scales
+        tangent = model.sensitivities(data, self._point.values, directions, run).reshape(-1, n)
+        return np.asarray(tangent.T @ tangent)
 
 
 class DetectionGoal:
@@ -57,12 +93,8 @@ class DetectionGoal:
             raise UserError(f"for: the likeliest model has '{there[0]}' already; it is no longer to be detected")
         self._set = SeparationGoal(trace, also=self.limits)
         self.model, self.versions = self._set.model, self._set.versions
-        likeliest = self._set.filters[0]
-        self._level = int(np.argmin(likeliest.cost))
-        self._point = likeliest.points[self._level]
-        self._scales = [c.slope(c.centre) for c in likeliest.coordinates] + [1.0 / LIMIT] * len(self.limits)
-        self._names = [*(c.name for c in likeliest.coordinates), *self.limits]
-        self.rows = range(len(likeliest.coordinates), len(self._names))
+        self._likeliest = LikeliestModel(self._set, self.limits)
+        self.rows = range(self._likeliest.own, self._likeliest.own + len(self.limits))
         known = np.array([0.0 if not math.isfinite(v) else v**-2.0 for v in self.limits.values()])
         self.before = np.diag(known)
 
@@ -76,13 +108,11 @@ class DetectionGoal:
 
     def evidence(self, drive: Rehearsed) -> Evidence:
         """Return the Fisher information of a drive on parameters and amplitudes ``(n, n)``; none of a calm one."""
-        n, data = len(self._names), drive.data[0]
-        run = self.model.run(data, self._point)
-        if self._set.is_calm(data) or not math.isfinite(run.log_likelihood):
-            return (np.zeros((n, n)),)
-        directions = self.model.along(self._names) * self._scales
-        tangent = self.model.sensitivities(data, self._point.values, directions, run).reshape(-1, n)
-        return (tangent.T @ tangent,)
+        return (self._likeliest.information(drive),)
+
+    def preference(self, evidence: Evidence | None) -> float:
+        """Return the value."""
+        return self.value(evidence)
 
     def covariance(self, evidence: Evidence | None) -> Floats:
         """Return the covariance of the amplitudes over their share in a limit ``(amplitudes, amplitudes)``."""

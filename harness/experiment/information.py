@@ -243,6 +243,10 @@ class EstimationGoal:
         """Return the logarithm of the criterion as a standard error; infinite where it has none."""
         return log_error(self.covariance(evidence), self.criterion, self.weights)
 
+    def preference(self, evidence: Evidence | None) -> float:
+        """Return the value."""
+        return self.value(evidence)
+
     def expectation(self, evidence: Evidence | None) -> ExpectedOutcome:
         """Return the standard errors to be expected."""
         before, after = (np.sqrt(np.diagonal(self.covariance(t))) for t in (None, evidence))

@@ -14,6 +14,7 @@ from harness.config import DriveSpec, ModelSpec
 from harness.experiment.limits import Limits, PlannedMotion, motion_of, passed_by_driver, passed_by_vehicle
 from harness.identification.data import DriveData
 from harness.identification.filtered_model import FilteredModel
+from harness.models.assembly.assemble import StateSpaceModel
 from harness.models.contracts import Profile
 from harness.models.signals import signal_attributes
 from harness.simulation.drives import profile_of
@@ -66,7 +67,7 @@ class Rehearsal:
             return str(error)
         if passed := passed_by_driver(profile, self.limits):
             return passed
-        planned = self.model.drive(self._table(profile), drive.name, "joined")
+        planned = self.model.drive(without_outputs(profile, self.model.model), drive.name, "joined")
         data: list[DriveData] = []
         first: PlannedMotion | None = None
         for number, values in enumerate(self.versions):
@@ -96,13 +97,14 @@ class Rehearsal:
             **{name: states[:, i] for i, name in enumerate(model.states)},
         }
 
-    def _table(self, profile: Profile) -> xr.Dataset:
-        """Return a drive as a recording of its inputs, the outputs zero."""
-        model, samples = self.model.model, len(profile.time)
-        columns: dict[str, Floats] = {name: np.full(samples, value) for name, value in model.otherwise.items()}
-        columns |= {"steering_wheel_angle": profile.steering_wheel_angle, "speed": profile.speed, **profile.further}
-        columns |= dict.fromkeys(model.outputs, np.zeros(samples))
-        return xr.Dataset(
-            {name: ("time", values, signal_attributes(name)) for name, values in columns.items()},
-            coords={"time": ("time", profile.time, {"units": "s"})},
-        )
+
+def without_outputs(profile: Profile, model: StateSpaceModel) -> xr.Dataset:
+    """Return a drive as a recording of the inputs of a model, the outputs zero."""
+    samples = len(profile.time)
+    columns: dict[str, Floats] = {name: np.full(samples, value) for name, value in model.otherwise.items()}
+    columns |= {"steering_wheel_angle": profile.steering_wheel_angle, "speed": profile.speed, **profile.further}
+    columns |= dict.fromkeys(model.outputs, np.zeros(samples))
+    return xr.Dataset(
+        {name: ("time", values, signal_attributes(name)) for name, values in columns.items()},
+        coords={"time": ("time", profile.time, {"units": "s"})},
+    )

@@ -14,6 +14,7 @@ from harness.config import ModelSpec
 from harness.config.model_choice import fitting_sensors
 from harness.config.posterior import FILES as FITS
 from harness.diagnosis.earlier_trace import TRACE
+from harness.experiment.compound import TraceGoal
 from harness.experiment.contract import ExpectedOutcome, Goal, total
 from harness.experiment.design import DrivePlan, TriedDrive, design
 from harness.experiment.detection import DetectionGoal
@@ -22,7 +23,7 @@ from harness.experiment.kept_drives import KeptDrives, basis
 from harness.experiment.limits import Limits
 from harness.experiment.manoeuvres import Manoeuvre, SearchRange, chosen
 from harness.experiment.rehearsal import Rehearsal
-from harness.experiment.separation import SeparationGoal, read_trace
+from harness.experiment.separation import read_trace
 from harness.experiment.study_error import SCORES, StudyGoal, read_study
 from harness.models.roles import SENSORS
 
@@ -171,7 +172,7 @@ def _goal(task: DesignTask) -> Goal:
         raise UserError(f"{task.folder}: criterion and weights are asked of an identification, not of a trace")
     trace = read_trace(task.folder, least=1 if task.wanted else 2)
     _refuse_undriven(trace.spec, task.folder)
-    return DetectionGoal(trace, list(task.wanted)) if task.wanted else SeparationGoal(trace)
+    return DetectionGoal(trace, list(task.wanted)) if task.wanted else TraceGoal(trace)
 
 
 def _refuse_undriven(spec: ModelSpec, folder: Path) -> None:

@@ -266,11 +266,14 @@ class SeparationGoal:
         precision[np.ix_(known, known)] = covariance_of(covariance).matrix
         return precision
 
+    def range_of(self, name: str) -> float:
+        """Return the share of its bounds in which a parameter is sought at first."""
+        p = self.model.model.parameters[self.model.row(name)]
+        return _SCALE * max(abs(p.lower), abs(p.upper))
+
     def _coordinate(self, name: str, value: float) -> Coordinate:
         row = self.model.row(name)
-        p = self.model.model.parameters[row]
-        scale = _SCALE * max(abs(p.lower), abs(p.upper))
-        return parameter_coordinate(p, row, value, scale=scale)
+        return parameter_coordinate(self.model.model.parameters[row], row, value, scale=self.range_of(name))
 
     def _emulation(self, i: int, j: int) -> float:
         """Return what the drives so far hold against a model with the values of another; infinite if it cannot."""
@@ -319,7 +322,7 @@ class SeparationGoal:
         distance, width = np.zeros((m, m)), np.zeros((m, m))
         if evidence is None:
             return distance, width
-        squares, slopes, information, seconds = (0.5 * part for part in evidence)
+        squares, slopes, information, seconds = (0.5 * part for part in evidence[:4])
         for i, right in enumerate(self.filters):
             noise = np.outer(seconds / self.drives.fitted, right.cost)
             for j, rival in enumerate(self.filters):
@@ -346,6 +349,10 @@ class SeparationGoal:
         pairs = np.triu_indices(len(both), 1)
         weights = np.sqrt(np.outer(self.shares, self.shares))[pairs]
         return float(np.log(np.sum(weights * np.exp(-both[pairs] / 8.0)) + 1e-300))
+
+    def preference(self, evidence: Evidence | None) -> float:
+        """Return the value."""
+        return self.value(evidence)
 
     def posterior(self, evidence: Evidence | None) -> tuple[Floats, Floats]:
         """Return, by right model, its expected probability, and the probability that it stands ``(m,)``."""

@@ -318,6 +318,10 @@ class StudyGoal:
         """Return the logarithm of the expected error over that of now."""
         return 0.0 if evidence is None else self._log_ratio(self.covariance(evidence))
 
+    def preference(self, evidence: Evidence | None) -> float:
+        """Return the value."""
+        return self.value(evidence)
+
     def expectation(self, evidence: Evidence | None) -> ExpectedOutcome:
         """Return the errors to be expected, once the estimators believe what the drives leave."""
         studied, covariance = self.studied, self.covariance(evidence)

@@ -28,6 +28,8 @@ class Seconds:
     def value(self, evidence):
         return 0.0 if evidence is None else -float(evidence[0])
 
+    preference = value
+
 
 def plan(needed, *manoeuvres):
     room = SearchRange.of(resolve_single(CAR, "test"), Limits(), SHORTEST)
