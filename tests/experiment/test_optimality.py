@@ -26,7 +26,7 @@ def measured_at(degree):
     """Return measurements of a polynomial with unit noise, one at each place, each of one second."""
     rows = np.vander(PLACES, degree + 1, increasing=True)
     return [
-        TriedDrive(None, 1.0, (np.outer(r, r),), 1, 0.0, False, partial(SimpleNamespace, place=x))
+        TriedDrive(None, 1.0, (np.outer(r, r),), 1, 0.0, 0.0, False, partial(SimpleNamespace, place=x))
         for x, r in zip(PLACES, rows, strict=True)
     ]
 
@@ -43,6 +43,8 @@ class Polynomial:
     def value(self, evidence):
         information = 1e-6 * np.eye(self.degree + 1) + (0.0 if evidence is None else evidence[0])
         return log_error(open_covariance(information, self.rows), self.criterion, np.ones(len(self.rows)))
+
+    preference = value
 
 
 def chosen_places(goal, seconds):
