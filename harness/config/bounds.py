@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from harness.common.components import remembered
@@ -37,13 +37,19 @@ def broken_relations(vehicle: str, values: Mapping[str, float]) -> list[tuple[st
         vehicle: File in ``models/vehicles``, whose optional ``check(values)`` is asked; empty for one without.
         values: All parameters, SI.
     """
-    check = getattr(VEHICLES.load(vehicle), "check", None) if vehicle else None
+    check = _check(vehicle)
     if check is None:
         return []
     try:
         return list(check(dict(values)))
     except KeyError as missing:
         raise ModelError(f"vehicle '{vehicle}': check() reads {missing}, which has no value") from None
+
+
+@remembered
+@functools.lru_cache(maxsize=64)
+def _check(vehicle: str) -> Callable[[dict[str, float]], Iterable[tuple[str, str]]] | None:
+    return getattr(VEHICLES.load(vehicle), "check", None) if vehicle else None
 
 
 def loading_parameters(vehicle: str) -> dict[str, Parameter]:

@@ -286,12 +286,14 @@ class _CauseEvidence:
         """Return the scores of sets of causes, each cause with each spread; sets grow by one cause at a time."""
         scores: dict[tuple[int, ...], float] = {(): 0.0}
         frontier: list[tuple[int, ...]] = [()]
+        option_of = self._option_of.tolist()
         for _ in range(min(_MOST, len(self._options))):
             longer = {
                 tuple(sorted((*s, n)))
                 for s in frontier
-                for n in range(len(self._option_of))
-                if self._option_of[n] not in {self._option_of[k] for k in s}
+                for taken in [{option_of[k] for k in s}]
+                for n, option in enumerate(option_of)
+                if option not in taken
             }
             sets = sorted(longer)
             added = dict(zip(sets, self._scores(np.array(sets)).tolist(), strict=True))
@@ -305,8 +307,9 @@ class _CauseEvidence:
         top = max(scores.values())
         weights: dict[tuple[int, ...], float] = {}
         spreads: dict[tuple[int, ...], tuple[int, ...]] = {}
+        option_of = self._option_of.tolist()
         for chosen, score in scores.items():
-            subset = tuple(int(self._option_of[n]) for n in chosen)
+            subset = tuple(option_of[n] for n in chosen)
             weights[subset] = weights.get(subset, 0.0) + float(np.exp(score - top))
             if subset not in spreads or score > scores[spreads[subset]]:
                 spreads[subset] = chosen
