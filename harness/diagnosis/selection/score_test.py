@@ -133,6 +133,7 @@ class ScoreTest:
         self._pull = total([N.T @ r for N, r in zip(self.moved, self.residual, strict=True)]) + weight @ away
         self._inverse = np.linalg.pinv(information, rcond=1e-10, hermitian=True)
         self._products: dict[tuple[int, str, str], Floats] = {}
+        self._crossed: dict[tuple[int, str], Floats] = {}
 
     def without(self, h: Hypothesis, own: Collection[str], point: ParameterPoint) -> ScoreTest:
         """Return the test of a fit without something that this one moved, as the columns at this one predict it.
@@ -191,7 +192,8 @@ class ScoreTest:
 
         if wanted:
             new = self.augmented.share(of_drive, range(len(self.drives)))
-            columns.by_drive = [np.hstack(both) for both in zip(columns.by_drive, new, strict=True)]
+            before = zip(columns.by_drive, new, strict=True)
+            columns.by_drive = [np.hstack(both) for both in before] if columns.places else new
             columns.places |= {key: len(columns.places) + j for j, key in enumerate(wanted)}
 
     def _keys(self, h: Hypothesis, shapes: tuple[float, ...]) -> list[_Key]:
@@ -327,13 +329,20 @@ class ScoreTest:
             return self._products[drive, other, amplitude].T
         if (drive, amplitude, other) not in self._products:
             X, Z = (self._steps(h, a, drive) for a in (amplitude, other))
-            N = self.moved[drive].astype(np.float32)
-            projected = (N.T @ X).astype(float).T @ self._inverse @ (N.T @ Z).astype(float)
+            along, other_along = (self._along(drive, h, a) for a in (amplitude, other))
+            projected = along.T @ self._inverse @ other_along
             square = (X.T @ Z).astype(float)
             if amplitude == other:  # what the fit's own columns leave of a response is known no better than this
                 square[np.diag_indices_from(square)] *= 1 + _ROUNDED
             self._products[drive, amplitude, other] = square - projected
         return self._products[drive, amplitude, other]
+
+    def _along(self, drive: int, h: Hypothesis, amplitude: str) -> Floats:
+        """Return the products of the fit's columns with responses to changes of an amplitude ``(n_fit, times)``."""
+        if (drive, amplitude) not in self._crossed:
+            N, X = self.moved[drive].astype(np.float32), self._steps(h, amplitude, drive)
+            self._crossed[drive, amplitude] = (N.T @ X).astype(float)
+        return self._crossed[drive, amplitude]
 
     def _choices(self, h: Hypothesis, drive: int) -> Choices:
         """Return all choices of change times in one drive by themselves, and first that of no change there."""

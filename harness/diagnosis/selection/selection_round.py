@@ -200,7 +200,8 @@ class SelectionRound:
         test = self._test or fits.score_test(self.best)
         scores = test.of([h for h in tried if not h.random])
         processes = [] if fits.fitting.noise_held else [h for h in tried if h.random]
-        return scores + random_scores(fits, self.best.point, processes)
+        point = self.best.point
+        return scores + fits.scores_at(point, processes, partial(random_scores, fits, point))
 
     @cached_property
     def _odds(self) -> dict[tuple[str, str], float]:
