@@ -35,6 +35,9 @@ FILE = re.compile(rf"(?<![\w./-])(?:{'|'.join(TOPS)})/[\w./<>*-]*")
 BARE_FILE = re.compile(r"(?<![\w./>*-])\w+\.(?:py|typ|css)")
 MODULE = re.compile(r"(?<![\w./-])(?:harness|bench|reproductions)(?:\.\w+)+")
 NAME = re.compile(r"(?:\w+\.)*([A-Za-z_]\w*)\(.*\)|(?:\w+\.)*([A-Z]\w*[a-z]\w*)", re.DOTALL)
+WIDTH = 120
+"""Columns of a line of prose; the linter sees those of code alone. Tables, pictures and formulas are not folded."""
+
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
 
 
@@ -174,6 +177,22 @@ def _anchors(page: Path) -> set[str]:
 @pytest.mark.parametrize("page", PAGES)
 def test_what_a_page_names_exists(page):
     assert wrong(page, (ROOT / page).read_text(encoding="utf-8")) == []
+
+
+def too_long(text: str) -> list[str]:
+    """Return the lines of prose of a page that are too long."""
+    lines = FENCE.sub("", text).splitlines()
+    return [line for line in lines if len(line) > WIDTH and not line.lstrip().startswith(("|", "![", "$$"))]
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_no_line_of_prose_is_too_long(page):
+    assert too_long((ROOT / page).read_text(encoding="utf-8")) == []
+
+
+def test_a_line_that_is_too_long_is_found():
+    row, prose, code = "| " + "w " * 60, "w " * 61, "```sh\n" + "w " * 61 + "\n```"
+    assert too_long("\n".join([row, prose, code, prose[:WIDTH]])) == [prose]
 
 
 @pytest.mark.parametrize(
