@@ -30,8 +30,9 @@ from harness.diagnosis.innovations.prediction import Prediction
 from harness.experiment.contract import total
 from harness.experiment.limits import Limits
 from harness.experiment.manoeuvres import SearchRange, chosen
+from harness.experiment.open_trace import read_trace
 from harness.experiment.rehearsal import Rehearsal
-from harness.experiment.separation import SeparationGoal, read_trace
+from harness.experiment.separation import SeparationGoal
 from harness.models.quantities import words
 
 _CAR: dict[str, Any] = {"parameters": "govindarajan_2018", "sensors": "car_series", "integrator": "rk4"}

@@ -132,8 +132,7 @@ class Open:
         group: Vehicle and quality.
         commit: Of the code that planned.
         before: Probability of the right name behind the calm drives.
-        held: Whether one of the models that the plan told apart has the right name; of names that stand together it
-            takes the first.
+        held: Whether one of the models that the plan told apart has the right name.
         arms: By name.
     """
 
@@ -182,8 +181,9 @@ def _is_alone(file: Path) -> bool:
 
 
 def models_left(traced: Mapping[str, Any]) -> int:
-    """Return the number of models in the confusable set of a trace."""
-    return len((traced["confusable"] or {"models": ()})["models"])
+    """Return the number of models in the confusable set of a trace, of what is alike each one."""
+    models = (traced["confusable"] or {"models": ()})["models"]
+    return len(models) + sum(len(m.get("alike", ())) for m in models)
 
 
 def _case(folder: Path) -> Open | None:
@@ -200,17 +200,22 @@ def _case(folder: Path) -> Open | None:
             return None
         arms[arm] = _driven(json.loads(file.read_text(encoding="utf-8")), sealed, plan["arms"][arm])
     first = json.loads((folder / FIRST / "trace.json").read_text(encoding="utf-8"))
-    kept = {**first, "posterior": {"models": _confusable(first, len(plan["arms"][ARMS[0]]["expected"]["models"]))}}
+    kept = {**first, "posterior": {"models": _planned_for(plan["arms"][ARMS[0]]["expected"]["models"], first)}}
     return Open(
         folder.name, folder.parent.name, plan["commit"], probability_of_right(first, sealed),
         probability_of_right(kept, sealed) > 0.0, arms,
     )  # fmt: skip
 
 
-def _confusable(traced: Mapping[str, Any], count: int) -> list[dict[str, Any]]:
-    """Return the likeliest models of the confusable set as those of a posterior."""
-    models = sorted(traced["confusable"]["models"], key=lambda m: -m["share"])[:count]
-    return [{"added": [alike[:1] for alike in m["added"]], "probability": m["share"]} for m in models]
+def _planned_for(expected: Mapping[str, Any], traced: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the models of a plan as those of a posterior; earlier plans have the likeliest of the confusable set."""
+    models = sorted(traced["confusable"]["models"], key=lambda m: -m["share"])[: len(expected)]
+    firsts = ([alike[0] for alike in m["added"]] for m in models)
+    added = [row["added"] if "added" in row else next(firsts) for row in expected.values()]
+    return [
+        {"added": [[h] for h in hypotheses], "probability": row["share"]}
+        for hypotheses, row in zip(added, expected.values(), strict=True)
+    ]
 
 
 def _driven(traced: Mapping[str, Any], sealed: Mapping[str, Any], arm: Mapping[str, Any]) -> Driven:

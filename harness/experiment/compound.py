@@ -14,8 +14,9 @@ import numpy as np
 
 from harness.experiment.contract import Evidence
 from harness.experiment.detection import LIMIT, LikeliestModel
+from harness.experiment.open_trace import OpenTrace
 from harness.experiment.rehearsal import Rehearsed
-from harness.experiment.separation import OpenTrace, SeparationGoal
+from harness.experiment.separation import SeparationGoal
 
 _WEIGHT = 0.5
 

@@ -20,8 +20,9 @@ from harness.common.registry import closest
 from harness.diagnosis.criteria import BLOCK
 from harness.experiment.contract import Evidence, ExpectedOutcome
 from harness.experiment.information import log_error, open_covariance
+from harness.experiment.open_trace import OpenTrace
 from harness.experiment.rehearsal import Rehearsed, without_outputs
-from harness.experiment.separation import OpenTrace, SeparationGoal
+from harness.experiment.separation import SeparationGoal
 from harness.identification.measured_file import SHORTEST
 from harness.identification.uncertainty import marginal
 from harness.models.quantities import listed, print_unit, words

@@ -22,8 +22,8 @@ from harness.experiment.information import Criterion, EstimationGoal, read_fit
 from harness.experiment.kept_drives import KeptDrives, basis
 from harness.experiment.limits import Limits
 from harness.experiment.manoeuvres import Manoeuvre, SearchRange, chosen
+from harness.experiment.open_trace import read_trace
 from harness.experiment.rehearsal import Rehearsal
-from harness.experiment.separation import read_trace
 from harness.experiment.study_error import SCORES, StudyGoal, read_study
 from harness.models.roles import SENSORS
 

@@ -9,25 +9,22 @@ The probability of a wrong choice is bounded by ``sum sqrt(p_i p_j) exp(-d_ij^2 
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
-from harness.common.files import read_text
 from harness.config import ModelSpec
 from harness.diagnosis.criteria import BLOCK, CALM
-from harness.diagnosis.earlier_trace import TRACE
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.result.expectation import STANDS
 from harness.experiment.contract import Evidence, ExpectedOutcome
 from harness.experiment.information import fitted_spec
+from harness.experiment.open_trace import OpenTrace, RivalModel
 from harness.experiment.rehearsal import Rehearsed
 from harness.experiment.rival_filter import Parabolas, RivalFilter
 from harness.identification.coordinates import Coordinate, parameter_coordinate
@@ -37,7 +34,6 @@ from harness.identification.measured_file import SHORTEST
 from harness.identification.uncertainty import covariance_of
 from harness.models.assembly.candidates import placements
 from harness.models.assembly.placement import load_effect, parameter_at, split
-from harness.models.quantities import words
 from harness.reporting.style import number, probability
 
 _APART = 4.0
@@ -47,145 +43,8 @@ _LIVELY = 1.2
 """Factor on the lateral acceleration below which a trace refuses a recording, for what the vehicle does less."""
 
 _DRAWS = 2000
-_MOST = 4
-"""Models of the set that are told apart, the likeliest; each is run over what each other leaves."""
-
 _SCALE = 0.1
 """Coordinate of a parameter that may be negative: its value over this share of its bounds, as in a trace."""
-
-
-@dataclass(frozen=True)
-class DrivesSoFar:
-    """The drives of a trace.
-
-    Attributes:
-        levels: Levels of the process noise: variances per step by state.
-        fitted: s of driving that were fitted.
-        held_out: s of driving that judged: a trace leaves out the first seconds of a drive.
-    """
-
-    levels: tuple[Mapping[str, float], ...]
-    fitted: float
-    held_out: float
-
-
-@dataclass(frozen=True)
-class AtLevel:
-    """What the fitted drives say of a model at a level of the process noise, in SI units.
-
-    Attributes:
-        log_posterior: With the parameters as fitted.
-        gradient: Of that ``(n,)``.
-        information: On the parameters ``(n, n)``.
-    """
-
-    log_posterior: float
-    gradient: Floats
-    information: Floats
-
-
-@dataclass(frozen=True)
-class RivalModel:
-    """A model of the confusable set.
-
-    Attributes:
-        name: What it has beyond the nominal model, in words.
-        share: Its probability if one of the set is right.
-        values: By parameter, as fitted.
-        errors: Their standard errors; infinite where the drives say nothing.
-        correlation: Of them ``(n, n)``.
-        measurement_noise: Variance with which it was fitted, by output.
-        at_levels: What the drives so far say of it at each level of the process noise.
-    """
-
-    name: str
-    share: float
-    values: dict[str, float]
-    errors: Floats
-    correlation: Floats
-    measurement_noise: Mapping[str, float]
-    at_levels: tuple[AtLevel, ...]
-
-
-@dataclass(frozen=True)
-class OpenTrace:
-    """What a trace left to be told apart.
-
-    Attributes:
-        spec: The nominal model.
-        rivals: The confusable set, the likeliest first.
-        drives: Of the trace.
-        none: Probability that none of them is right.
-        detectable: By hypothesis and amplitude the detection limit; infinite where the drives could show none.
-    """
-
-    spec: ModelSpec
-    rivals: tuple[RivalModel, ...]
-    drives: DrivesSoFar
-    none: float = 0.0
-    detectable: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-
-
-def read_trace(folder: Path, least: int = 2) -> OpenTrace:
-    """Return the nominal model of a trace and its confusable set.
-
-    Args:
-        folder: Of the trace.
-        least: How many models there must be.
-
-    Raises:
-        UserError: If the trace left nothing to be told apart, or an older version wrote it.
-    """
-    file = folder / TRACE
-    try:
-        content: dict[str, Any] = json.loads(read_text(file))
-        confusable, none = content["confusable"], float(content["posterior"]["none_of_these"])
-        outputs, noise = list(content["error"]), confusable["noise"]
-        drives = DrivesSoFar(tuple(noise["levels"]), float(noise["fitted_seconds"]), float(noise["held_out_seconds"]))
-        rivals = tuple(_rival(m) for m in sorted(confusable["models"], key=lambda m: -m["share"])[:_MOST])
-    except (ValueError, KeyError, TypeError) as error:
-        raise UserError(f"{file}: holds no confusable set with estimates; run harness trace again") from error
-    if len(rivals) < least:
-        raise UserError(
-            f"{file}: the trace left one model, {rivals[0].name}; nothing is to be told apart; say what to show (--for)"
-        )
-    spec = fitted_spec(folder / "nominal.toml", ", ".join(outputs))
-    return OpenTrace(spec, rivals, drives, none, _detectable(content.get("candidates", ())))
-
-
-def _detectable(candidates: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
-    """Return the last detection limits by hypothesis, and by amplitude where no hypothesis has that name."""
-    limits: dict[str, dict[str, float]] = {}
-    for candidate in sorted(candidates, key=lambda c: c["kind"] == "effect"):  # which has the name where both have it
-        sizes = {n: math.inf if v is None else float(v) for n, v in candidate["detectable"].items()}
-        limits[candidate["name"]] = sizes
-    for sizes in list(limits.values()):
-        for name, size in sizes.items():
-            limits.setdefault(name, {name: size})
-    return limits
-
-
-def _rival(model: dict[str, Any]) -> RivalModel:
-    name = " and ".join(words(alike[0]["name"].replace("@", " ")) for alike in model["added"])
-    rows = model["estimates"]
-    errors = [math.inf if e["standard_error"] is None else float(e["standard_error"]) for e in rows]
-    at_levels = [
-        AtLevel(
-            float(level["log_posterior"]),
-            np.array(level["gradient"], dtype=float),
-            np.array(level["information"], dtype=float).reshape(len(rows), len(rows)),
-        )
-        for level in model["at_levels"]
-    ]
-    return RivalModel(
-        name or "nothing added",
-        float(model["share"]),
-        {e["name"]: float(e["value"]) for e in rows},
-        np.array(errors),
-        np.array(model["correlation"], dtype=float).reshape(len(rows), len(rows)),
-        model["measurement_noise"],
-        tuple(at_levels),
-    )
 
 
 class SeparationGoal:
@@ -389,8 +248,14 @@ class SeparationGoal:
         if self.none >= 1.0 - STANDS:
             still.append(f"with probability {probability(self.none)} none of these is right, and no drive settles that")
         models = {
-            name: {"share": float(p), "expected": float(e), "stands": float(s), "d2": d.tolist()}
-            for name, p, e, s, d in zip(names, self.shares, expected, stands, distance, strict=True)
+            r.name: {
+                "added": list(r.added),
+                "share": float(p),
+                "expected": float(e),
+                "stands": float(s),
+                "d2": d.tolist(),
+            }
+            for r, p, e, s, d in zip(self.rivals, self.shares, expected, stands, distance, strict=True)
         }
         return ExpectedOutcome(
             words=f"one name stands with {STANDS:.0%} in {probability(standing)} of the cases, if one of "

@@ -95,6 +95,20 @@ def test_drives_that_told_less_or_something_else_are_said_to():
     assert expectation_met(EARLIER, PLAN, None) is None
 
 
+def test_what_was_alike_is_told_apart_by_the_plan_one_by_one():
+    """The second model of the trace has two names, which the plan tells apart and the drives did."""
+    names = {"steering delay": "steering_delay", "other": "other"}
+    alike = {
+        words: {"share": 0.5, "expected": 0.9, "d2": [0.0, 25.0], "added": [{"name": name, "kind": "effect"}]}
+        for words, name in names.items()
+    }
+    plan = {"expected": {"stands": 0.9, "models": alike}}
+    models = compared(["other"], 0.99, 0.0), compared(["steering_delay"], 0.01, -12.5)
+    came = expectation_met(EARLIER, plan, Posterior(models, 0.0, np.zeros(len(HORIZONS))))
+    assert came.leading == "other"
+    assert came.ratios[0].realised == pytest.approx(12.5)  # neither was ahead of the other before
+
+
 def recording(path, seed):
     time = np.arange(0.0, 30.0, 0.01)
     noise = np.random.default_rng(seed).normal(size=len(time))

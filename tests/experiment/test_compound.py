@@ -11,8 +11,9 @@ from harness.experiment.compound import TraceGoal
 from harness.experiment.contract import total
 from harness.experiment.limits import Limits
 from harness.experiment.manoeuvres import SearchRange, chosen
+from harness.experiment.open_trace import AtLevel, DrivesSoFar, OpenTrace, RivalModel
 from harness.experiment.rehearsal import Rehearsal
-from harness.experiment.separation import AtLevel, DrivesSoFar, OpenTrace, RivalModel, SeparationGoal
+from harness.experiment.separation import SeparationGoal
 
 CAR = {"vehicle": "car", "parameters": "blanco_2021", "tyre": "linear", "sensors": "car_series", "integrator": "rk4"}
 FREE = ("stiffness_peak_front", "stiffness_peak_rear")
@@ -32,7 +33,7 @@ def trace():
         values = {**{n: spec.values[n] for n in FREE}, name: size}
         errors = np.array([0.02 * spec.values[n] for n in FREE] + [0.1 * size])
         at = AtLevel(0.0, np.zeros(3), np.diag(errors**-2.0))
-        rivals.append(RivalModel(name, p, values, errors, np.eye(3), dict(spec.measurement_noise), (at,)))
+        rivals.append(RivalModel(name, (), p, values, errors, np.eye(3), dict(spec.measurement_noise), (at,)))
     return OpenTrace(spec, tuple(rivals), DrivesSoFar((spec.process_noise,), 80.0, 40.0), 0.0, LIMITS)
 
 

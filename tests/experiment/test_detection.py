@@ -11,8 +11,8 @@ from harness.experiment.contract import total
 from harness.experiment.detection import DetectionGoal
 from harness.experiment.limits import Limits
 from harness.experiment.manoeuvres import SearchRange, chosen
+from harness.experiment.open_trace import AtLevel, DrivesSoFar, OpenTrace, RivalModel
 from harness.experiment.rehearsal import Rehearsal
-from harness.experiment.separation import AtLevel, DrivesSoFar, OpenTrace, RivalModel
 
 CAR = {"vehicle": "car", "parameters": "blanco_2021", "tyre": "linear", "sensors": "car_series", "integrator": "rk4"}
 FREE = ("stiffness_peak_front", "stiffness_peak_rear")
@@ -30,7 +30,7 @@ def trace():
     values = {n: spec.values[n] for n in FREE}
     errors = np.array([0.02 * v for v in values.values()])
     said = AtLevel(0.0, np.zeros(2), np.diag(errors**-2.0))
-    rival = RivalModel("nothing added", 1.0, values, errors, np.eye(2), dict(spec.measurement_noise), (said,))
+    rival = RivalModel("nothing added", (), 1.0, values, errors, np.eye(2), dict(spec.measurement_noise), (said,))
     return OpenTrace(spec, (rival,), DrivesSoFar((spec.process_noise,), 80.0, 40.0), 0.0, LIMITS)
 
 

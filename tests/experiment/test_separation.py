@@ -14,10 +14,11 @@ from harness.experiment.contract import total
 from harness.experiment.files import contents
 from harness.experiment.limits import Limits
 from harness.experiment.manoeuvres import SearchRange, chosen
+from harness.experiment.open_trace import AtLevel, DrivesSoFar, OpenTrace, RivalModel, read_trace
 from harness.experiment.rehearsal import Rehearsal
 from harness.experiment.rival_filter import Parabolas
 from harness.experiment.run import DesignTask, design_drives
-from harness.experiment.separation import AtLevel, DrivesSoFar, OpenTrace, RivalModel, SeparationGoal, read_trace
+from harness.experiment.separation import SeparationGoal
 
 CAR = {"vehicle": "car", "parameters": "blanco_2021", "tyre": "linear", "sensors": "car_series", "integrator": "rk4"}
 FREE = ("stiffness_peak_front", "stiffness_peak_rear")
@@ -57,7 +58,7 @@ def rival(spec, name, share, error=0.3, costs=(0.0,), **added):
     values = {**{n: spec.values[n] for n in FREE}, **added}
     errors = np.array([0.02 * spec.values[n] for n in FREE] + [error * v for v in added.values()])
     says = [AtLevel(-cost, np.zeros(len(values)), np.diag(errors**-2.0)) for cost in costs]
-    return RivalModel(name, share, values, errors, np.eye(len(values)), dict(spec.measurement_noise), tuple(says))
+    return RivalModel(name, (), share, values, errors, np.eye(len(values)), dict(spec.measurement_noise), tuple(says))
 
 
 def opened(costs=(0.0,)):
@@ -190,6 +191,37 @@ def test_random_processes_of_the_model_keep_their_noise_at_every_level():
     for points in (f.points for f in with_bank.filters):
         assert [float(p.process[at, 0]) for p in points] == [0.01, 0.01]
         assert float(points[1].process[0, 0]) == pytest.approx(100.0 * float(points[0].process[0, 0]))
+
+
+def test_what_is_alike_in_a_model_becomes_a_rival_of_its_own(tmp_path):
+    """A delay of 1.5 times the lag does the same over the drives so far, whose shape 'extra' goes with the lag."""
+    model = {
+        "added": [[{"name": "steering_lag", "kind": "effect"}, {"name": "steering_delay", "kind": "effect"}]],
+        "alike": [{"instead_of": "steering_lag", "parameters": ["steering_lag", "extra"], "name": "steering_delay",
+                   "kind": "effect", "amplitude": "steering_delay", "value": 0.03, "share": 0.25}],
+        "share": 0.8,
+        "estimates": [{"name": n, "value": v, "standard_error": e}
+                      for n, v, e in (("mass", 1500.0, 10.0), ("steering_lag", 0.02, 0.001), ("extra", 3.0, 1.0))],
+        "correlation": [[1.0, 0.5, 0.0], [0.5, 1.0, 0.2], [0.0, 0.2, 1.0]],
+        "measurement_noise": {},
+        "at_levels": [{"log_posterior": -1.0, "gradient": [0.0, 6.0, 1.0],
+                       "information": [[1.0, 3.0, 0.0], [3.0, 9.0, 0.1], [0.0, 0.1, 1.0]]}],
+    }  # fmt: skip
+    noise = {"levels": [{}], "fitted_seconds": 80.0, "held_out_seconds": 40.0}
+    confusable = {"models": [model], "noise": noise}
+    content = {"confusable": confusable, "posterior": {"none_of_these": 0.0}, "error": {"yaw_rate": {}}}
+    (tmp_path / "trace.json").write_text(json.dumps(content))
+    (tmp_path / "nominal.toml").write_text(set_text(resolve_single(CAR, "test"), "test", {}))
+    lag, delay = read_trace(tmp_path).rivals
+    assert (lag.name, lag.share, delay.name, delay.share) == (
+        "steering lag", pytest.approx(0.6), "steering delay", pytest.approx(0.2)
+    )  # fmt: skip
+    assert delay.added == [{"name": "steering_delay", "kind": "effect"}]
+    assert delay.values == {"mass": 1500.0, "steering_delay": pytest.approx(0.03)}
+    np.testing.assert_allclose(delay.errors, [10.0, 0.0015])
+    np.testing.assert_allclose(delay.correlation, [[1.0, 0.5], [0.5, 1.0]])
+    np.testing.assert_allclose(delay.at_levels[0].information, [[1.0, 2.0], [2.0, 4.0]])
+    np.testing.assert_allclose(delay.at_levels[0].gradient, [0.0, 4.0])
 
 
 def test_a_trace_that_left_one_model_or_none_with_estimates_is_refused(tmp_path):

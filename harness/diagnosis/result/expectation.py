@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from typing import Any
 
 from harness.diagnosis.selection.posterior import ComparedModel, Posterior
@@ -115,8 +116,10 @@ def expectation_met(
     expected = plan["expected"]["models"]
     names, rows = list(expected), list(expected.values())
     old = sorted(earlier["confusable"]["models"], key=lambda m: -m["share"])[: len(names)]
-    before = [_density(earlier["posterior"]["models"], m["added"]) for m in old]
-    models = [_matching(posterior.models, m["added"]) for m in old]
+    # Of what was alike every one is a model of the plan; plans of earlier versions have the models of the trace.
+    sought = [[[h] for h in r["added"]] if "added" in r else m["added"] for r, m in zip_longest(rows, old)]
+    before = [_density(earlier["posterior"]["models"], added) for added in sought]
+    models = [_matching(posterior.models, added) for added in sought]
     shares = [0.0 if m is None else m.share for m in models]
     leading = max(range(len(names)), key=shares.__getitem__)
     first = posterior.models[0]
@@ -143,21 +146,33 @@ def expectation_met(
     )
 
 
-def _density(models: Sequence[Mapping[str, Any]], added: Any) -> float:
+_Added = Sequence[Sequence[Mapping[str, str]]]
+"""What a model has beyond the nominal one, by ``name`` and ``kind``: of each addition all that are alike."""
+
+
+def _density(models: Sequence[Mapping[str, Any]], added: _Added) -> float:
     """Return the log density of the held-out drives of a model of ``trace.json``, less that of the likeliest."""
-    value = next(m["difference"]["value"] for m in models if m["added"] == added)
+    value = next(m["difference"]["value"] for m in models if _same(_keys(m["added"]), _keys(added)))
     return -math.inf if value is None else float(value)
 
 
-def _matching(models: Sequence[ComparedModel], added: Sequence[Sequence[Mapping[str, str]]]) -> ComparedModel | None:
+def _matching(models: Sequence[ComparedModel], added: _Added) -> ComparedModel | None:
     """Return the likeliest model that has what one of ``trace.json`` has; what was alike then may be told apart now."""
-    wanted = [{(h["name"], h["kind"]) for h in alike} for alike in added]
+    wanted = _keys(added)
 
     def matches(model: ComparedModel) -> bool:
-        there = [{(h.name, h.kind) for h in alike.hypotheses} for alike in model.added]
-        return len(there) == len(wanted) and all(any(w & t for t in there) for w in wanted)
+        return _same([{(h.name, str(h.kind)) for h in alike.hypotheses} for alike in model.added], wanted)
 
     return max((m for m in models if matches(m)), key=lambda m: m.share, default=None)
+
+
+def _keys(added: _Added) -> list[set[tuple[str, str]]]:
+    return [{(h["name"], h["kind"]) for h in alike} for alike in added]
+
+
+def _same(there: Sequence[set[tuple[str, str]]], wanted: Sequence[set[tuple[str, str]]]) -> bool:
+    """Whether each addition that is wanted is there, or something that is alike."""
+    return len(there) == len(wanted) and all(any(w & t for t in there) for w in wanted)
 
 
 def named(model: ComparedModel) -> str:

@@ -7,6 +7,7 @@ at each of them it is a parabola in the parameters.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -16,6 +17,7 @@ import numpy as np
 from harness.common.arrays import Floats
 from harness.diagnosis.criteria import HORIZONS, MASS
 from harness.diagnosis.fitting import FittedHypothesis, Fitting
+from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.selection.posterior import ComparedModel, Posterior, judging
 from harness.identification.data import DriveData
 
@@ -65,6 +67,7 @@ def record_of_confusable(
     models = [
         {
             **_model(m),
+            "alike": _alike(m, fitting.augmented),
             "share": m.share,
             **_estimated(m.fitted, fitting),
             **_at_levels(fitting, m.fitted, levels),
@@ -93,6 +96,23 @@ def _estimated(fitted: FittedHypothesis, fitting: Fitting) -> dict[str, Any]:
 def _model(m: ComparedModel) -> dict[str, Any]:
     """Return what a model has; names that stand together are what the drives cannot tell apart at all."""
     return {"added": [[{"name": h.name, "kind": h.kind} for h in alike.hypotheses] for alike in m.added]}
+
+
+def _alike(m: ComparedModel, augmented: AugmentedModel) -> list[dict[str, Any]]:
+    """Return what may stand in the place of an addition, with the amplitude that does the same and its share."""
+    values = {c.name: m.fitted.point.value(c) for c in m.fitted.coordinates}
+    instead = []
+    for alike in m.added:
+        first, *others = alike.hypotheses
+        for h, share, ratio in zip(others, alike.shares[1:], alike.ratios[1:], strict=False):
+            p = augmented.model.parameters[augmented.row(h.amplitudes[0])]
+            value = ratio * values.get(first.amplitudes[0], math.nan)
+            if value and p.lower <= value <= p.upper:
+                instead.append({
+                    "instead_of": first.name, "parameters": [*first.amplitudes, *first.shapes], "name": h.name,
+                    "kind": h.kind, "amplitude": p.name, "value": value, "share": share,
+                })  # fmt: skip
+    return instead
 
 
 def _noise_levels(fitting: Fitting, models: Sequence[FittedHypothesis]) -> Floats:

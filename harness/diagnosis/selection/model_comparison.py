@@ -424,17 +424,25 @@ def _log_prior(p: _Predicted, classes: Sequence[Alike], odds: dict[tuple[str, st
 
 def _alike(h: Hypothesis, rounds: Sequence[Round], odds: dict[tuple[str, str], float]) -> Alike:
     """Return a hypothesis with those that were not fitted, because these drives show the same of them."""
-    alike = [h]
+    alike, ratios = [h], [1.0]
     own = _tried(h, rounds)
     if own is not None:
         r, c = own
-        alike += [
-            o.hypothesis
+        others = [
+            o
             for o in r.candidates
             if o.fitted is None and not o.hypothesis.parts and o.score.excited and same(o.score, c.score)
         ]
+        alike += [o.hypothesis for o in others]
+        ratios += [_ratio(o.score, c.score) for o in others]
     weights = np.exp([odds[k.kind, k.name] for k in alike])
-    return Alike(tuple(alike), tuple(map(float, weights / weights.sum())))
+    return Alike(tuple(alike), tuple(map(float, weights / weights.sum())), tuple(ratios))
+
+
+def _ratio(score: Score, other: Score) -> float:
+    """Return the amplitude of one hypothesis over that of another; NaN where one has several."""
+    single = len(score.amplitudes) == len(other.amplitudes) == 1 and other.amplitudes[0] != 0.0
+    return float(score.amplitudes[0] / other.amplitudes[0]) if single else math.nan
 
 
 def _tried(h: Hypothesis, rounds: Sequence[Round]) -> tuple[Round, Candidate] | None:
