@@ -274,3 +274,9 @@ def distinct(scores: Sequence[Score]) -> list[Score]:
 def same(score: Score, other: Score) -> bool:
     """Whether responses say the same: one hypothesis stands for both, unless more than responses tells them apart."""
     return abs(cosine(score, other)) > SAME
+
+
+def ratio(score: Score, other: Score) -> float:
+    """Return the amplitude of one hypothesis over that of another; NaN where one has several."""
+    single = len(score.amplitudes) == len(other.amplitudes) == 1 and other.amplitudes[0] != 0.0
+    return float(score.amplitudes[0] / other.amplitudes[0]) if single else math.nan

@@ -26,7 +26,7 @@ from harness.diagnosis.fitting import FittedHypothesis, Fitting, ParameterPoint
 from harness.diagnosis.innovations.prediction import Ahead, Prediction
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, called
-from harness.diagnosis.selection.acceptance import Candidate, Round, same
+from harness.diagnosis.selection.acceptance import Candidate, Round, ratio, same
 from harness.diagnosis.selection.candidate_fits import Added, CandidateFits, own_of
 from harness.diagnosis.selection.posterior import (
     Alike,
@@ -434,15 +434,9 @@ def _alike(h: Hypothesis, rounds: Sequence[Round], odds: dict[tuple[str, str], f
             if o.fitted is None and not o.hypothesis.parts and o.score.excited and same(o.score, c.score)
         ]
         alike += [o.hypothesis for o in others]
-        ratios += [_ratio(o.score, c.score) for o in others]
+        ratios += [ratio(o.score, c.score) for o in others]
     weights = np.exp([odds[k.kind, k.name] for k in alike])
     return Alike(tuple(alike), tuple(map(float, weights / weights.sum())), tuple(ratios))
-
-
-def _ratio(score: Score, other: Score) -> float:
-    """Return the amplitude of one hypothesis over that of another; NaN where one has several."""
-    single = len(score.amplitudes) == len(other.amplitudes) == 1 and other.amplitudes[0] != 0.0
-    return float(score.amplitudes[0] / other.amplitudes[0]) if single else math.nan
 
 
 def _tried(h: Hypothesis, rounds: Sequence[Round]) -> tuple[Round, Candidate] | None:
