@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import ClassVar, Self
 
 from harness.common.errors import UserError
+from harness.diagnosis.selection.earlier_models import EarlierModel, finite
 from harness.identification.earlier_result import EarlierResult
 
 TRACE = "trace.json"
@@ -36,3 +37,13 @@ class EarlierTrace(EarlierResult):
                 f"{earlier.folder}: is a trace of changes since a baseline, behind which no drives are planned"
             )
         return earlier
+
+    @property
+    def models(self) -> list[EarlierModel]:
+        """Its confusable set."""
+        return [
+            EarlierModel(
+                tuple(tuple((h["kind"], h["name"]) for h in alike) for alike in m["added"]), finite(m["estimates"])
+            )
+            for m in self.content["confusable"]["models"]
+        ]

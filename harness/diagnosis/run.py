@@ -39,6 +39,7 @@ from harness.diagnosis.result.outcome import Outcome, outcome_of
 from harness.diagnosis.result.record import write_outcome
 from harness.diagnosis.result.study_gain import REPEATS, StudyGain, refuse_study, study_gain
 from harness.diagnosis.selection.baseline import learnt, of_roads
+from harness.diagnosis.selection.earlier_models import EarlierDrives
 from harness.diagnosis.selection.forward_selection import trace
 from harness.identification.data import DriveData, measurements_of, steered
 from harness.identification.earlier_result import record_of_recordings
@@ -282,6 +283,7 @@ def _searched(
         stated_noise=task.stated_noise,
         failures=failures,
         kept=kept,
+        earlier=EarlierDrives(models=task.after.models if task.after else ()),
     )
     if kept.taken:
         say(f"{kept.taken} fits of an interrupted trace were taken as they were")
@@ -311,7 +313,7 @@ def _since(
         stated_noise=task.stated_noise,
         failures=failures,
         kept=kept,
-        always=random_processes(augmented),
+        earlier=EarlierDrives(random_processes(augmented)),
     )
     known = tuple(h for h in baseline.added if h.kind == "effect")
     return since(outcome_of(replace(result, known=known), say, failures), baseline)

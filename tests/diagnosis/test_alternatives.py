@@ -8,10 +8,11 @@ import pytest
 from harness.diagnosis.criteria import TRIED
 from harness.diagnosis.fitting import Fitting
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, hypotheses, still_open
-from harness.diagnosis.selection import model_comparison
+from harness.diagnosis.selection import earlier_models, model_comparison
 from harness.diagnosis.selection.candidate_fits import CandidateFits
+from harness.diagnosis.selection.earlier_models import EarlierModel, fit_earlier
 from harness.diagnosis.selection.forward_selection import first_variances
-from harness.diagnosis.selection.model_comparison import Alternatives, likeliest
+from harness.diagnosis.selection.model_comparison import Alternatives, Comparison, likeliest
 from harness.diagnosis.selection.validation import HeldOut
 from support.driven_car import FREE, driven
 
@@ -50,6 +51,43 @@ def test_nothing_takes_the_place_of_what_recordings_have_anyway(fits, name):
     before = set(fits.models)
     Alternatives(fits).fit(added, best, set())
     assert set(fits.models) - before <= {frozenset()}
+
+
+def test_models_of_an_earlier_trace_are_fitted_and_stay_among_what_is_compared(fits):
+    """What was alike then is fitted too; what is out of the question by its fit is compared all the same."""
+    roll, offset, inertia = ("effect", "roll_steer"), ("effect", "steering_offset"), ("parameter", "yaw_inertia")
+    nominal = fits.fit((), fits.fitting.first())
+    models = [
+        EarlierModel(((roll, inertia), (offset,)), {"steering_offset": 0.01, "roll_steer": 0.02}),
+        EarlierModel(((roll,),), {"roll_steer": 0.02}),
+        EarlierModel((), {}),  # the nominal one, which is fitted anyway
+        EarlierModel(((("effect", "of_a_library_of_then"),),), {}),
+    ]
+    found = fit_earlier(fits, models, nominal)
+    names = [{h.name for h in added} for added, _ in found]
+    assert names == [{"roll_steer", "steering_offset"}, {"yaw_inertia", "steering_offset"}, {"roll_steer"}]
+    assert Comparison(fits, []).likeliest(found) is found[1]
+    best, out = found[1][1], found[2][1]
+    assert out.objective < best.objective - fits.doubt
+    compared = [{h.name for h in frozenset().union(*(a.hypotheses for a in m.added))} for m in posterior_of(fits)]
+    assert all(n in compared for n in names)
+    fits.stay = ()
+    compared = [m.fitted for m in posterior_of(fits)]
+    assert out not in compared  # which stayed for being of the earlier trace
+
+
+def posterior_of(fits):
+    return Comparison(fits, []).posterior().models
+
+
+def test_a_fit_of_an_earlier_model_begins_at_its_estimates(fits):
+    inertia = next(h for h in fits.hypotheses if h.name == "yaw_inertia")
+    point = fits.fitting.first()
+    model = EarlierModel(((("parameter", "yaw_inertia"),),), {"yaw_inertia": 3321.0, "mass": 1.0})
+    start = earlier_models._start(fits, (inertia,), model, point)
+    changed = {fits.augmented.names[i] for i in range(len(point.values)) if (start.values != point.values)[i].any()}
+    assert changed == {"yaw_inertia"}  # and not what this one does not move
+    assert set(start.values[fits.augmented.row("yaw_inertia")]) == {3321.0}
 
 
 def test_many_parameters_must_promise_more_and_what_says_the_same_is_not_tried(monkeypatch):

@@ -50,6 +50,43 @@ def test_rounds_go_on_where_something_took_the_place_of_an_addition(monkeypatch,
     assert set(found.dropped) == {h for r in found.rounds if r.added for h in [r.added.hypothesis]} - set(final)
 
 
+@pytest.mark.parametrize(
+    ("better", "final", "asked"),
+    [
+        ((GAIN, BANK), (GAIN, BANK), [(), (LAG,), (GAIN,), (GAIN, BANK)]),  # it led to more than the nominal model did
+        ((LAG,), (LAG,), [(), (LAG,), (GAIN,), (GAIN, BANK)]),
+        (None, (LAG,), [(), (LAG,)]),  # the likeliest of the earlier ones is where the search has been
+    ],
+)
+def test_a_search_goes_on_from_the_likeliest_model_of_an_earlier_trace(monkeypatch, better, final, asked):
+    passes, seen = {(): LAG, (GAIN,): BANK}, []
+
+    def one_round(self, added, best, number):
+        seen.append(added)
+        h = passes.get(added)
+        found = SimpleNamespace(hypothesis=h, fitted=FIT) if h else None
+        return SimpleNamespace(best=FIT, without=[FIT]), [SimpleNamespace(added=found)]
+
+    known = [((ROLL,), FIT), ((GAIN,) if better else (LAG,), FIT)]
+    likely = {(GAIN,), better, (LAG,)} if better != (LAG,) else {(GAIN,), (LAG,)}
+    monkeypatch.setattr(search._ForwardSelection, "_round", one_round)
+    monkeypatch.setattr(search, "likeliest", lambda fits, rounds, added, best: (added, best, len(seen)))
+    monkeypatch.setattr(search, "fit_earlier", lambda fits, earlier, nominal: known)
+
+    def likeliest(models):
+        return max((m for m in models if m[0] in likely), key=lambda m: (m[0] == better, m[0] == (GAIN,)))
+
+    monkeypatch.setattr(search, "Comparison", lambda fits, rounds: SimpleNamespace(likeliest=likeliest))
+    judged = SimpleNamespace(normalised_excess_mse=1.0)
+    fits = SimpleNamespace(
+        say=lambda _: None, fit=lambda *_: FIT, judge=lambda *_: judged, free=(), held_out=None,
+        fitting=SimpleNamespace(first=lambda: None), refuted=set(), joined=lambda added, h: (*added, h),
+    )  # fmt: skip
+    found = search._ForwardSelection(fits, 8, RAISED).run()
+    assert (found.added, seen) == (final, asked)
+    assert found.posterior == len(asked)  # of all that was fitted
+
+
 def test_what_was_added_on_a_detour_takes_no_room_and_late_channels_take_one():
     late = [Hypothesis(f"sensor_delay@{n}", "effect", (f"late_{n}",)) for n in ("yaw_rate", "speed")]
     room = []

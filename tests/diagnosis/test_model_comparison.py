@@ -12,10 +12,13 @@ from support.driven_car import FREE
 
 def test_two_models_are_weighed_among_themselves_however_much_likelier_a_third_is(augmented):
     """Beside it both probabilities are zero to the last digit, and the first in the list would be taken."""
-    bank, gain = (h for h in hypotheses(augmented, FREE) if h.name in ("road_bank", "steering_ratio_nonlinear"))
+    tried = hypotheses(augmented, FREE)
+    bank, gain = (h for h in tried if h.name in ("road_bank", "steering_ratio_nonlinear"))
     held_out = SimpleNamespace(drives=[SimpleNamespace(time=range(100))])
-    fits = SimpleNamespace(augmented=augmented, free=FREE, doubt=0.5 * HOPEFUL, held_out=held_out, disturbed=False)
-    compared, models = comparison._Comparison(fits, []), []
+    fits = SimpleNamespace(
+        augmented=augmented, hypotheses=tried, doubt=0.5 * HOPEFUL, held_out=held_out, disturbed=False
+    )
+    compared, models = comparison.Comparison(fits, []), []
     for added, density in (((), -3000.0), ((bank,), -2000.0), ((bank, gain), 0.0)):
         fitted = SimpleNamespace(coordinates=(), added=added, objective=0.0)
         models.append((added, fitted))
@@ -52,7 +55,7 @@ def test_what_was_added_stays_where_it_is_likely(monkeypatch):
             likeliest=lambda models: max(models, key=lambda m: likely.get(frozenset(m[0]), 0.0)),
             posterior=lambda: None,
         )
-        monkeypatch.setattr(comparison, "_Comparison", lambda fits, rounds: compared)
+        monkeypatch.setattr(comparison, "Comparison", lambda fits, rounds: compared)
         monkeypatch.setattr(comparison, "Alternatives", Alternatives)
         return set(comparison.likeliest(SimpleNamespace(models=models), [], added, best)[0])
 

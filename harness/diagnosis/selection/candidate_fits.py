@@ -42,6 +42,7 @@ class CandidateFits:
     Attributes:
         hypotheses: Everything to be tried.
         models: Every model that was fitted, by what it has, with its likeliest fit.
+        stay: Models that are compared even where they are out of the question: users know them.
         refuted: What was added and left what it must not leave; it is tried no more.
         doubt: Log-likelihood that one may be behind another and still be in question: as much as is gained beyond
             doubt. Under stated noise every sample of a model that is not quite right counts as if it were independent
@@ -67,6 +68,7 @@ class CandidateFits:
         self._log_samples = math.log(fitting.samples)
         self.doubt = math.inf if fitting.noise_held and not self.disturbed else 0.5 * HOPEFUL
         self.models: dict[frozenset[Hypothesis], tuple[Added, FittedHypothesis]] = {}
+        self.stay: tuple[frozenset[Hypothesis], ...] = ()
         self.refuted: set[Hypothesis] = set()
         self._judged: dict[tuple[Added, int], tuple[Judgement, ParameterPoint]] = {}
         self._test: tuple[FittedHypothesis, ScoreTest] | None = None

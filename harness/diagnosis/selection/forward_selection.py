@@ -22,7 +22,8 @@ from harness.diagnosis.model.hypotheses import Hypothesis, random_processes
 from harness.diagnosis.selection.acceptance import Candidate, Round, beyond_belief, with_further
 from harness.diagnosis.selection.candidate_fits import Added, CandidateFits, Say
 from harness.diagnosis.selection.discrepancy import first_point, hinges, with_discrepancy
-from harness.diagnosis.selection.model_comparison import likeliest
+from harness.diagnosis.selection.earlier_models import NO_DRIVES, EarlierDrives, EarlierModel, fit_earlier
+from harness.diagnosis.selection.model_comparison import Comparison, likeliest
 from harness.diagnosis.selection.posterior import Posterior
 from harness.diagnosis.selection.selection_round import SelectionRound, selection_round
 from harness.diagnosis.selection.validation import HeldOut, Judgement, colour_left, error_growth, leaves_nothing
@@ -85,7 +86,7 @@ def trace(
     stated_noise: bool = False,
     failures: Failures = RAISED,
     kept: KeptFits | None = None,
-    always: Added = (),
+    earlier: EarlierDrives = NO_DRIVES,
 ) -> Trace:
     """Find what the model lacks.
 
@@ -100,14 +101,14 @@ def trace(
             a real vehicle is never quite right, and process noise that is fitted to that takes up what is missing.
         failures: Takes a round that cannot be computed; what earlier ones found stands. By default it is raised.
         kept: Fits of the same trace, where it was interrupted; they are not fitted again.
-        always: Random processes that every model has.
+        earlier: What is known from earlier drives of the vehicle.
     """
     variances = first_variances(augmented, [*train, *test], stated_noise)
     fitting = Fitting(augmented, train, variances, stated_noise, [*train, *test])
     held_out = HeldOut(augmented, test, variances)
-    fits = CandidateFits(fitting, held_out, tuple(free), say, kept, always)
-    plain = _ForwardSelection(fits, rounds, failures).run()
-    plain = replace(plain, discrepancy=always)
+    fits = CandidateFits(fitting, held_out, tuple(free), say, kept, earlier.always)
+    plain = _ForwardSelection(fits, rounds, failures, earlier=earlier.models).run()
+    plain = replace(plain, discrepancy=earlier.always)
     if not augmented.discrepancy or plain.discrepancy or plain.cut_short or _is_whole(plain):
         return plain
     disturbed = CandidateFits(fitting, held_out, tuple(free), say, kept, random_processes(augmented))
@@ -117,7 +118,7 @@ def trace(
     if whole is None:
         return plain
     disturbed.models.clear()  # what the search finds is to be another answer
-    found = _ForwardSelection(disturbed, rounds, failures, first_point(fitting, whole.point)).run()
+    found = _ForwardSelection(disturbed, rounds, failures, first_point(fitting, whole.point), earlier.models).run()
     if error_growth(held_out, plain.after, found.after).beyond_noise:
         # What predicts worse is no answer: the model found without stays, and which of its sizes hinge on that is said.
         return replace(plain, hinging=hinges(plain.final, whole, fitting.standard_errors(whole), plain.added))
@@ -157,41 +158,31 @@ class _ForwardSelection:
         rounds: int,
         failures: Failures = RAISED,
         first: ParameterPoint | None = None,
+        earlier: Sequence[EarlierModel] = (),
     ) -> None:
         self.candidate_fits, self.most, self.failures = candidate_fits, rounds, failures
-        self.first = first
+        self.first, self.earlier = first, earlier
+        self.seen: set[frozenset[Hypothesis]] = set()
         self.rounds: list[Round] = []
         self.cut_short = ""
 
     def run(self) -> Trace:
-        """Return what was found: rounds until nothing is accepted, then what of it stays or takes its place.
+        """Return what was found by rounds from the nominal model, and from the likeliest one of an earlier trace.
 
-        Where something took the place of an addition, what it leaves is another rest, so rounds go on from there. So
-        they do without a random process of the vehicle or its road that does not make the model whole.
+        Both see what the other has fitted. A search from the nominal model alone may end elsewhere with other noise.
         """
         fits = self.candidate_fits
         fits.say("fitting the nominal model")
-        self.nominal = best = fits.fit((), self.first or fits.fitting.first(), 25)
-        added: Added = ()
-        seen: set[frozenset[Hypothesis]] = set()
-        while True:
-            added, best = self._forward(added, best)
-            seen.add(frozenset(added))
-            kept, best, posterior = self.failures.attempt(
-                "the probability of each model",
-                partial(likeliest, fits, self.rounds, added, best),
-                partial(_as_added, added, best),
-            )
-            instead = set(kept) - set(added)
-            added = kept
-            if instead and frozenset(added) not in seen:
-                seen.add(frozenset(added))  # what follows may lead back to it
-                continue
-            processes = [h for h in added if h.random and not h.of_recording]
-            for h in processes:
-                added, best = self._if_whole(added, best, h)
-            if not fits.refuted.intersection(processes):
-                break
+        self.nominal = fits.fit((), self.first or fits.fitting.first(), 25)
+        known = self.failures.attempt(
+            "the models of the earlier trace", lambda: fit_earlier(fits, self.earlier, self.nominal), lambda _: []
+        )
+        added, best, posterior = self._from((), self.nominal)
+        start = Comparison(fits, self.rounds).likeliest(known) if known else None
+        if start is not None and frozenset(start[0]) not in self.seen:
+            other, second, posterior = self._from(*start)
+            ends = [end for end in ((added, best), (other, second)) if not fits.refuted.intersection(end[0])]
+            added, best = Comparison(fits, self.rounds).likeliest(ends)
         in_force = {n for h in added for n in h.amplitudes}
         of_rounds = [h for r in self.rounds if r.added for h in r.added.hypothesis.single]
         return Trace(
@@ -208,6 +199,32 @@ class _ForwardSelection:
             self.cut_short,
             posterior,
         )
+
+    def _from(self, added: Added, best: FittedHypothesis) -> tuple[Added, FittedHypothesis, Posterior | None]:
+        """Return a model with what rounds add until nothing is accepted, and what of it stays or takes its place.
+
+        Where something took the place of an addition, what it leaves is another rest, so rounds go on from there. So
+        they do without a random process of the vehicle or its road that does not make the model whole.
+        """
+        fits = self.candidate_fits
+        while True:
+            added, best = self._forward(added, best)
+            self.seen.add(frozenset(added))
+            kept, best, posterior = self.failures.attempt(
+                "the probability of each model",
+                partial(likeliest, fits, self.rounds, added, best),
+                partial(_as_added, added, best),
+            )
+            instead = set(kept) - set(added)
+            added = kept
+            if instead and frozenset(added) not in self.seen:
+                self.seen.add(frozenset(added))  # what follows may lead back to it
+                continue
+            processes = [h for h in added if h.random and not h.of_recording]
+            for h in processes:
+                added, best = self._if_whole(added, best, h)
+            if not fits.refuted.intersection(processes):
+                return added, best, posterior
 
     def _if_whole(self, added: Added, best: FittedHypothesis, process: Hypothesis) -> tuple[Added, FittedHypothesis]:
         """Return a model without one of its random processes, unless nothing else seems to be missing beside that.

@@ -208,7 +208,7 @@ def likeliest(
         added: What they added.
         best: The fit with all of it.
     """
-    compared, alternatives = _Comparison(fits, rounds), Alternatives(fits, rounds)
+    compared, alternatives = Comparison(fits, rounds), Alternatives(fits, rounds)
     seen: set[frozenset[Hypothesis]] = set()
     while True:
         added, best, needed = _lessened(fits, compared, added, best)
@@ -221,7 +221,7 @@ def likeliest(
 
 
 def _lessened(
-    fits: CandidateFits, compared: _Comparison, added: Added, best: FittedHypothesis
+    fits: CandidateFits, compared: Comparison, added: Added, best: FittedHypothesis
 ) -> tuple[Added, FittedHypothesis, set[Hypothesis]]:
     """Return a model without those of its additions, one after the other, without which it is likelier, and its fit.
 
@@ -277,7 +277,7 @@ class _Weighed:
     densities: Floats
 
 
-class _Comparison:
+class Comparison:
     """The models of a trace, each with what it predicts of the held-out drives, which is computed once.
 
     Args:
@@ -319,9 +319,9 @@ class _Comparison:
         """Return how likely every model is that was fitted and is in doubt."""
         self.fits.say("how likely is each model?")
         compared = self._in_doubt([*self.fits.models.values()])
-        nominal = self.fits.models.get(frozenset())
-        if nominal is not None and nominal not in compared:
-            compared.append(nominal)  # which users know: how much likelier is what was found?
+        fitted = self.fits.models
+        stay = [fitted[key] for key in (frozenset[Hypothesis](), *self.fits.stay) if key in fitted]
+        compared += [m for m in stay if m not in compared]  # how much likelier is what was found?
         weighed = self._weighed(compared)
         priors, densities = weighed.priors, weighed.densities
         shares = probabilities(priors, densities)
