@@ -78,6 +78,7 @@ class Diagnosis(Shown):
     ) -> None:
         from harness.config.roles import ESTIMATORS
 
+        self._stated_estimators = estimators is not None
         if estimators is None:
             from harness.estimation.contract import traced
 
@@ -105,7 +106,8 @@ class Diagnosis(Shown):
             model: The nominal model. Sensors and step are those of the recordings where they are not stated, and it is
                 integrated finely. ``None`` is that of the trace ``after``.
             train: Recordings to fit: paths, DataFrames or Datasets, see ``harness.read_recording``.
-            test: Held-out recordings, on which every addition has to prove itself.
+            test: Held-out recordings, on which every addition has to prove itself. With ``after`` there may be none:
+                then those of that trace judge alone, and what was expected of planned drives is not compared.
             baseline: Earlier recordings of the vehicle, two or more: the model and its discrepancy are learnt from
                 them, and what is sought is the difference.
             after: Folder of an earlier trace behind which drives were planned (``harness.next_drive``). Its recordings
@@ -129,9 +131,16 @@ class Diagnosis(Shown):
         from harness.identification.earlier_result import with_absolute_paths
         from harness.identification.measured_file import finely, fitted_parameters
 
-        fitted, held_out = recordings_of(train, "train"), recordings_of(test, "test")
         before = None if after is None else EarlierTrace.read(Path(after))
+        fitted = recordings_of(train, "train")
+        none = test is None or (isinstance(test, list | tuple) and not test)
+        held_out = [] if before is not None and none else recordings_of(test, "test")
+        estimators = self.estimators
         if before is not None:
+            if folder is not None:
+                before.refuse_folder(Path(folder))
+            if not self._stated_estimators:
+                estimators = tuple(before.content["asked"].get("estimators", estimators))
             if len(baseline):
                 raise UserError("after: what planned drives told is not sought together with changes since a baseline")
             fitted, held_out = before.joined(fitted, held_out)
@@ -150,7 +159,7 @@ class Diagnosis(Shown):
         spec = finely(table, step_of(fitted[0]), f"model '{model.vehicle}'")
         free = fitted_parameters(spec, self.free or (before.free if before else ()), "free")
         task = TraceTask(
-            spec, fitted, held_out, free, self.estimators, self.study, self.repeats, jobs=self.jobs, notes=notes
+            spec, fitted, held_out, free, estimators, self.study, self.repeats, jobs=self.jobs, notes=notes
         )
         task = replace(task, baseline=tuple(earlier), stated=with_absolute_paths(table), after=before)
         if folder is None:

@@ -70,6 +70,7 @@ def next_drive(task: NextDriveOptions) -> None:
     from rich.console import Console
     from rich.text import Text
 
+    from harness.experiment.files import once_driven
     from harness.experiment.kept_drives import TRIED
     from harness.experiment.limits import limits_of
     from harness.experiment.report import answer, write_design
@@ -107,6 +108,8 @@ def next_drive(task: NextDriveOptions) -> None:
         f"{name}: no drive keeps to the limits and the budget ({why})" for name, why in designed.plan.refused.items()
     ]
     printed(answer(designed), [*(f"open: {text}" for text in expectation.open), *ranked, *refused, *written])
+    if then := once_driven(designed, out):
+        Console().print(Text(f"once driven: {then}", style="bold"), soft_wrap=True)
 
 
 def _weights(given: Sequence[str]) -> dict[str, float]:

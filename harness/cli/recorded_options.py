@@ -240,6 +240,8 @@ class MeasuredOptions:
         if self.out is None:
             assert self.after is not None
             return self.after / "after"
+        if self.after is not None and self.out.resolve() == self.after.resolve():
+            raise UserError(f"--out {self.out}: holds what --after goes on from; name another folder, or none")
         return self.out
 
     def nominal(self, **keys: Any) -> Model | None:
@@ -259,4 +261,4 @@ class MeasuredOptions:
     @property
     def implied(self) -> tuple[str, ...]:
         """Options that an earlier result states."""
-        return () if self.after is None else ("--model", "--out")
+        return () if self.after is None else ("--model", "--out", "--test")

@@ -277,6 +277,7 @@ def trace(task: TraceOptions) -> None:
     With --after the drives that were planned behind an earlier trace are traced together with its own.
     """
     from harness.api.diagnosis import Diagnosis
+    from harness.diagnosis.earlier_trace import several_models
 
     if (of_file := task.of_file("trace")) is not None:
         _trace_file(*of_file, task.jobs)
@@ -292,6 +293,8 @@ def trace(task: TraceOptions) -> None:
         written = diagnosis.report(out, command())
     printed(diagnosis.answer_, written)
     _next(written)
+    if several_models(out):
+        Console().print(Text(f"next: harness next-drive {out}"), style="bold", soft_wrap=True)
 
 
 def _next(written: Sequence[Path]) -> None:

@@ -7,9 +7,15 @@ from typing import ClassVar, Self
 
 from harness.common.errors import UserError
 from harness.diagnosis.selection.earlier_models import EarlierModel, finite
-from harness.identification.earlier_result import EarlierResult
+from harness.identification.earlier_result import EarlierResult, read_json
 
 TRACE = "trace.json"
+
+
+def several_models(folder: Path) -> bool:
+    """Whether a trace left several models, of a vehicle behind which drives are planned."""
+    content = read_json(folder / TRACE)
+    return not content.get("baseline") and len((content.get("confusable") or {}).get("models", ())) > 1
 
 
 class EarlierTrace(EarlierResult):

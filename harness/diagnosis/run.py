@@ -44,6 +44,8 @@ from harness.diagnosis.selection.forward_selection import trace
 from harness.identification.data import DriveData, measurements_of, steered
 from harness.identification.earlier_result import record_of_recordings
 from harness.identification.measured_file import SHORT_BY, SHORTEST, names_of, refuse_repeated
+from harness.identification.planned_drive import unplanned
+from harness.models.quantities import listed
 from harness.recordings.check.examine import recording_warnings
 
 _ROUND = re.compile(r"round (\d+):")
@@ -193,7 +195,13 @@ class TraceTask:
     def asked(self) -> dict[str, Any]:
         """What ``EarlierTrace`` reads of it."""
         train, test = (record_of_recordings(recordings) for recordings in (self.train, self.test))
-        return {"model": dict(self.stated), "free": list(self.free), "train": train, "test": test}
+        return {
+            "model": dict(self.stated),
+            "free": list(self.free),
+            "train": train,
+            "test": test,
+            "estimators": list(self.estimators),
+        }
 
     @property
     def recordings(self) -> list[xr.Dataset]:
@@ -235,7 +243,7 @@ def run_trace(task: TraceTask, folder: Path, console: Console, augmented: Augmen
             augmented = (augmented or augmented_model_of(task)).within(gain_ranges(recordings))
             outcome = _since(task, augmented, say, failures, kept) if task.baseline else None
             outcome = outcome or _searched(task, augmented, say, failures, kept)
-            outcome = _with_expectation(replace(outcome, notes=notes, asked=task.asked), task.after)
+            outcome = _with_expectation(replace(outcome, notes=notes, asked=task.asked), task)
             write_outcome(outcome, folder)
             _compile(task, outcome, say)
             for kind in task.estimators:
@@ -256,16 +264,26 @@ def run_trace(task: TraceTask, folder: Path, console: Console, augmented: Augmen
     return outcome
 
 
-def _with_expectation(outcome: Outcome, earlier: EarlierTrace | None) -> Outcome:
+def _with_expectation(outcome: Outcome, task: TraceTask) -> Outcome:
     """Return an outcome whose answer says whether what was expected of planned drives came true."""
+    earlier = task.after
     if earlier is None:
         return outcome
     met = outcome.failures.attempt(
         "the comparison with what was expected",
-        lambda: expectation_met(earlier.content, earlier.plan, outcome.posterior),
+        lambda: expectation_met(earlier.content, earlier.plan, outcome.posterior, _driven_otherwise(task, earlier)),
         lambda _: None,
     )
     return outcome if met is None else replace(outcome, expectation=met, answer=f"{outcome.answer} {met.words}")
+
+
+def _driven_otherwise(task: TraceTask, earlier: EarlierTrace) -> str:
+    """Return why what planned drives were to tell is not to be expected of those that were driven; empty if it is."""
+    if not earlier.driven_since(task.test):
+        return "none of the drives since judges, state one of each two as test"
+    names = [str(d["name"]) for d in earlier.plan.get("sequence", ())]
+    other = unplanned(earlier.driven_since(task.recordings), earlier.place, names)
+    return f"{listed(other)} {'is' if len(other) == 1 else 'are'} not as planned ({listed(names)})" if other else ""
 
 
 def _searched(

@@ -19,7 +19,7 @@ from harness.experiment.contract import ExpectedOutcome
 from harness.experiment.design import TriedDrive
 from harness.experiment.limits import stated
 from harness.experiment.run import Designed
-from harness.identification.earlier_result import PLAN
+from harness.identification.earlier_result import FOLDER, PLAN
 
 RESULT, DRIVES = PLAN, "next_drive.toml"
 
@@ -141,3 +141,14 @@ def written_to(designed: Designed, folder: Path) -> list[str]:
         out = ["--out", str(folder / f"{name}-simulated.csv")]
         commands.append(shlex.join(["harness", "simulate", *model, "--drive", drive.kind, *options, *out]))
     return commands
+
+
+def once_driven(designed: Designed, folder: Path) -> str:
+    """Return the command that goes on from the drives in a folder; empty where none does, as of a study."""
+    after = designed.task.folder if folder == designed.task.folder / FOLDER else folder
+    expected = designed.goal.expectation(designed.plan.evidence).record
+    if "models" in expected:
+        return shlex.join(["harness", "trace", "--after", str(after), "--train", "RECORDING", "--test", "RECORDING"])
+    if "parameters" in expected:
+        return shlex.join(["harness", "identify", "--after", str(after), "--train", "RECORDING"])
+    return ""

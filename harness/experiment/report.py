@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from harness.common.files import write_files
 from harness.experiment.contract import ExpectedOutcome
 from harness.experiment.design import TriedDrive
-from harness.experiment.files import RESULT, contents, names_of, remove_earlier, written_to
+from harness.experiment.files import RESULT, contents, names_of, once_driven, remove_earlier, written_to
 from harness.experiment.kept_drives import KeptDrives
 from harness.experiment.limits import UNITS, Limits, stated
 from harness.experiment.manoeuvres import SPLINE
@@ -58,7 +58,7 @@ def report(designed: Designed, folder: Path, command: str) -> Report:
     """Return the report: the first sections are the page for the driver."""
     expectation = designed.goal.expectation(designed.plan.evidence)
     sections: list[Block] = [
-        Section(partial(_answer, designed, expectation), "Answer"),
+        Section(partial(_answer, designed, expectation, folder), "Answer"),
         Section(partial(_for_driver, designed), "For the driver"),
         Section(partial(_expected, expectation), "What is expected?"),
         Section(partial(_ranked, designed), "Which manoeuvre tells how much?"),
@@ -68,10 +68,13 @@ def report(designed: Designed, folder: Path, command: str) -> Report:
     return Report("What to drive next?", sections)
 
 
-def _answer(designed: Designed, expectation: ExpectedOutcome) -> list[Block]:
+def _answer(designed: Designed, expectation: ExpectedOutcome, folder: Path) -> list[Block]:
     still = Bullets([plain(text) for text in expectation.open])
     blocks: list[Block] = [Prose(strong(answer(designed)))]
-    return [*blocks, Prose(plain("What stays open:")), still] if expectation.open else blocks
+    if expectation.open:
+        blocks += [Prose(plain("What stays open:")), still]
+    then = once_driven(designed, folder)
+    return [*blocks, Prose(plain("Once they are driven:")), Listing(then)] if then else blocks
 
 
 def _for_driver(designed: Designed) -> list[Block]:

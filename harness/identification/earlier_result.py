@@ -44,6 +44,7 @@ class EarlierResult:
         folder: Of the result.
         content: Of its file.
         plan: Of ``next_drive.json``.
+        place: Folder of that.
     """
 
     FILE: ClassVar[str] = "identify.json"
@@ -54,6 +55,7 @@ class EarlierResult:
     folder: Path
     content: Mapping[str, Any]
     plan: Mapping[str, Any]
+    place: Path
 
     @classmethod
     def read(cls, result: Path) -> Self:
@@ -66,18 +68,19 @@ class EarlierResult:
         file = next((p for p in places if p.is_file()), None)
         if file is None:
             raise UserError(f"{result}: holds no {FOLDER}/{PLAN}; plan drives first: harness next-drive {result}")
-        plan = _json(file)
-        folders = (result, result.parent, Path(str(plan.get("result", ""))))
+        plan = read_json(file)
+        stated = Path(str(plan.get("result", "")))  # in the folder in which it was planned: one above, if not this one
+        folders = (result, result.parent, *(base / stated for base in (Path(), *file.resolve().parents)))
         folder = next((f for f in folders if (f / cls.FILE).is_file()), None)
         expected = plan.get("expected")
         if folder is None or not isinstance(expected, dict):
             raise UserError(f"{file}: the drives are planned behind no {cls.KIND} whose {cls.FILE} is there")
-        content = _json(folder / cls.FILE)
+        content = read_json(folder / cls.FILE)
         if "asked" not in content:
             raise UserError(f"{folder / cls.FILE}: an earlier version wrote it; run the {cls.KIND} and plan again")
         if cls.EXPECTED not in expected:
             raise UserError(f"{file}: the drives are planned {cls.ELSE}")
-        return cls(folder, content, plan)
+        return cls(folder, content, plan, file.parent)
 
     @property
     def model(self) -> dict[str, Any]:
@@ -102,10 +105,35 @@ class EarlierResult:
         """Return stated recordings behind its own.
 
         Raises:
-            UserError: As ``recordings``.
+            UserError: As ``recordings``; if it had all that are stated, or had one for the other purpose.
         """
+        for recordings, role, other in ((fitted, "train", "test"), (held_out, "test", "train")):
+            if taken := [r for r in recordings if self._has(r, other)]:
+                raise UserError(f"{role}: '{_name(taken[0])}' is in {self.folder} as {other}; state it as that, or not")
         stated = [*fitted, *held_out]
+        if not self.driven_since(stated):
+            names = ", ".join(f"'{_name(r)}'" for r in stated)
+            raise UserError(f"{self.folder}: has {names} already; state what was driven behind that {self.KIND}")
         return [*self.recordings("train", stated), *fitted], [*self.recordings("test", stated), *held_out]
+
+    def driven_since(self, stated: Sequence[xr.Dataset]) -> list[xr.Dataset]:
+        """Return the recordings that it did not have."""
+        return [r for r in stated if not (self._has(r, "train") or self._has(r, "test"))]
+
+    def refuse_folder(self, folder: Path) -> None:
+        """Refuse to write into the folder of the result or of the plan, which would be overwritten.
+
+        Raises:
+            UserError: If it is one of these.
+        """
+        if folder.resolve() in (self.folder.resolve(), self.place.resolve()):
+            raise UserError(f"{folder}: holds what --after goes on from; name another folder, or none")
+
+    def _has(self, recording: xr.Dataset, role: str) -> bool:
+        entries = self.content["asked"][role]
+        steps = {e["origin"][RESAMPLED] for e in entries if e["origin"] and RESAMPLED in e["origin"]}
+        digests = {digest(recording), *(digest(resampled(recording, step)) for step in steps)}
+        return any(e["digest"] in digests for e in entries)
 
     def recordings(self, role: str, stated: Sequence[xr.Dataset]) -> list[xr.Dataset]:
         """Return its recordings of a role, ``train`` or ``test``, that are not among those stated, read again.
@@ -138,7 +166,16 @@ class EarlierResult:
         return recordings
 
 
-def _json(file: Path) -> dict[str, Any]:
+def _name(recording: xr.Dataset) -> str:
+    return str(recording.attrs.get("name", recording.attrs.get("file", "")))
+
+
+def read_json(file: Path) -> dict[str, Any]:
+    """Return the content of a file of the harness.
+
+    Raises:
+        UserError: If it is none.
+    """
     try:
         return dict(json.loads(read_text(file)))
     except (ValueError, TypeError) as error:

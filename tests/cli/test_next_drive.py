@@ -3,6 +3,8 @@
 import json
 import shlex
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -12,7 +14,7 @@ from typer.testing import CliRunner
 import harness as h
 from harness.cli.main import app
 from harness.common.files import read_toml
-from harness.experiment.files import names_of, written_to
+from harness.experiment.files import names_of, once_driven, written_to
 from harness.experiment.limits import Limits
 from harness.experiment.run import DesignTask, design_drives
 from harness.reporting.style import number
@@ -41,6 +43,8 @@ def test_drives_are_planned_written_and_taken(fit, tmp_path):
     done = run(fit, "--out", out, "--for", "mass_over_inertia", "--limits", limits, "--manoeuvre", "circle,sweep",
                "--effort", 8, "--budget", "30 s", "--jobs", 1)  # fmt: skip
     assert done.exit_code == 0, done.output
+    assert f"once driven: harness identify --after {out} --train RECORDING" in done.stdout
+    assert f"harness identify --after {out} --train RECORDING" in (out / "report.html").read_text()
     plan = json.loads((out / "next_drive.json").read_text())
     assert plan["ranked"][0]["manoeuvre"] == "sweep"
     error = plan["expected"]["parameters"]["mass_over_inertia"]["standard_error"]
@@ -65,6 +69,21 @@ def test_drives_are_planned_written_and_taken(fit, tmp_path):
     assert f"last frequency {number(table['last_frequency'])} Hz" in page
     assert run(fit, "--out", out, "--manoeuvre", "step", "--effort", 2, "--jobs", 1).exit_code == 0
     assert sorted(p.name for p in out.glob("*.csv")) == ["1-step.csv"]
+
+
+@pytest.mark.parametrize(
+    ("record", "line"),
+    [
+        ({"models": {}}, "harness trace --after results/truck --train RECORDING --test RECORDING"),
+        ({"limits": {}}, ""),  # which --after does not take
+    ],
+)
+def test_how_a_trace_goes_on_from_the_drives_is_said(record, line):
+    goal = SimpleNamespace(expectation=lambda _: SimpleNamespace(record=record))
+    task, plan = SimpleNamespace(folder=Path("results/truck")), SimpleNamespace(evidence=None)
+    designed = SimpleNamespace(goal=goal, task=task, plan=plan)
+    assert once_driven(designed, Path("results/truck/next-drive")) == line
+    assert once_driven(designed, Path("weave")) == line.replace("results/truck", "weave")
 
 
 def test_every_drive_of_a_sequence_has_its_command(fit):

@@ -6,13 +6,17 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
+from typer.testing import CliRunner
 
+import harness as h
+from harness.cli.main import app
 from harness.common.errors import UserError
 from harness.common.statistics import Interval
 from harness.diagnosis.criteria import HORIZONS
-from harness.diagnosis.earlier_trace import EarlierTrace
+from harness.diagnosis.earlier_trace import EarlierTrace, several_models
 from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.result.expectation import expectation_met, record_of_expectation
+from harness.diagnosis.run import _driven_otherwise
 from harness.diagnosis.selection.posterior import Alike, ComparedModel, Posterior
 from harness.identification.earlier_result import record_of_recordings, with_absolute_paths
 from harness.recordings import load_recording
@@ -72,7 +76,8 @@ def test_a_ratio_is_compared_with_its_normal_distribution():
     delay, nothing = found.ratios
     assert (delay.expected, delay.deviation, delay.realised) == pytest.approx((8.0, 4.0, 10.0))  # 11 less 1 of before
     assert delay.z == pytest.approx(0.5)
-    assert math.isinf(nothing.realised)  # it was given up
+    assert math.isnan(nothing.realised)
+    assert "nothing added was not fitted" in nothing.words  # and is not out of the question therefore
     assert found.verdict == "as expected"
     assert found.stands
     record = json.loads(json.dumps(record_of_expectation(found), default=str))
@@ -84,7 +89,7 @@ def test_drives_that_told_less_or_something_else_are_said_to():
     less = met(compared(["steering_delay"], 0.6, 0.0), compared(["steering_lag"], 0.4, -0.4))
     assert less.leading == "steering delay"
     assert less.ratios[0].realised == pytest.approx(1.4)  # it has made good the 1 that it was behind
-    assert less.verdict == "as expected"  # 4.5 with a deviation of 3
+    assert less.verdict == "undecided"  # 4.5 with a deviation of 3: as near to nothing
     assert not less.stands
     behind = met(compared(["steering_lag"], 0.9, 0.0), compared(["steering_delay"], 0.1, 2.0))
     assert behind.verdict == "less"
@@ -109,10 +114,50 @@ def test_what_was_alike_is_told_apart_by_the_plan_one_by_one():
     assert came.ratios[0].realised == pytest.approx(12.5)  # neither was ahead of the other before
 
 
+def test_which_of_two_models_is_out_of_the_question_is_said():
+    delay, lag, out = ["steering_delay"], ["steering_lag"], -math.inf
+    rival = met(compared(lag, 1.0, 0.0), compared(delay, 0.0, out))
+    assert rival.ratios[0].realised == math.inf
+    assert "so much that steering delay is out of the question" in rival.ratios[0].words
+    leading = met(compared(delay, 0.1, out), compared(lag, 0.0, -2.0))
+    assert leading.ratios[0].realised == -math.inf
+    assert "out of the question itself" in leading.ratios[0].words
+    assert leading.verdict == "less"
+    neither = met(compared(["crosswind"], 0.9, 0.0))
+    assert neither.verdict == "another model"
+    assert all("not fitted" in r.words and math.isnan(r.realised) for r in neither.ratios)
+    assert "out of the question" not in neither.words
+    both = met(compared(lag, 0.9, out), compared(delay, 0.1, out))
+    assert "do not hold" in both.ratios[0].words
+
+
+def test_no_growth_is_not_as_expected_however_wide_its_deviation():
+    def grown(by):  # the lag led by 1; 8 is expected, with a deviation of 4
+        return met(compared(["steering_lag"], 0.9, 0.0), compared(["steering_delay"], 0.1, -1.0 - by))
+
+    assert [grown(by).verdict for by in (-0.5, 0.1, 3.9, 4.1, 16.5)] == [
+        "less",
+        *2 * ["undecided"],
+        "as expected",
+        "more",
+    ]
+    assert "No growth at all would be within two deviations too" in grown(4.1).words
+
+
+def test_other_drives_than_planned_are_compared_with_no_expectation():
+    models = compared(["steering_lag"], 0.98, 0.0), compared(["steering_delay"], 0.02, -11.0)
+    found = expectation_met(EARLIER, PLAN, Posterior(models, 0.01, np.zeros(len(HORIZONS))), "calm is not as planned")
+    assert (found.verdict, found.ratios) == ("not compared", ())
+    assert "calm is not as planned" in found.words
+    assert record_of_expectation(found)["log_likelihood_ratios"] == []
+
+
 def recording(path, seed):
     time = np.arange(0.0, 30.0, 0.01)
     noise = np.random.default_rng(seed).normal(size=len(time))
-    pd.DataFrame({"time": time, "yaw_rate": 0.01 * noise, "speed": 15.0 + 0 * time}).to_csv(path, index=False)
+    names = ("time", "yaw_rate", "lateral_acceleration", "steering_wheel_angle", "speed")
+    columns = (time, 0.01 * noise, 0.1 * noise, np.sin(time), 15.0 + 0 * time)
+    pd.DataFrame(dict(zip(names, columns, strict=True))).to_csv(path, index=False)
     return load_recording(path)
 
 
@@ -150,6 +195,51 @@ def test_the_recordings_of_an_earlier_trace_are_read_again(earlier):
         trace.recordings("train", [])
 
 
+def test_only_what_the_earlier_trace_did_not_have_is_new(earlier):
+    trace = EarlierTrace.read(earlier)
+    train, test, new = (load_recording(earlier / f"{n}.csv") for n in ("train", "test", "train"))
+    new = new.assign(yaw_rate=2.0 * new["yaw_rate"])
+    with pytest.raises(UserError, match="has 'train', 'test' already; state what was driven"):
+        trace.joined([train], [test])
+    with pytest.raises(UserError, match=r"test: 'train' is in .* as train"):
+        trace.joined([new], [train])
+    fitted, held_out = trace.joined([new], [test])  # from memory there: stated again
+    assert [r.attrs["name"] for r in (*fitted, *held_out)] == ["train", "train", "test"]
+    assert trace.driven_since([*fitted, *held_out]) == [new]
+
+
+def test_nothing_that_is_gone_on_from_is_overwritten(earlier, tmp_path):
+    trace = EarlierTrace.read(earlier)
+    for folder in (earlier, earlier / "next-drive", earlier / "next-drive" / ".."):
+        with pytest.raises(UserError, match="name another folder"):
+            trace.refuse_folder(folder)
+    trace.refuse_folder(earlier / "after")
+    line = ["trace", "--after", str(earlier), "--out", str(earlier), "--train", "a.csv", "--test", "b.csv"]
+    done = CliRunner().invoke(app, line)
+    assert (done.exit_code, "name another folder" in done.stderr) == (2, True)
+
+
+def test_a_plan_in_a_folder_of_its_own_knows_its_result_from_any_directory(earlier, tmp_path, monkeypatch):
+    plan = tmp_path / "plans" / "weave"
+    plan.mkdir(parents=True)
+    (tmp_path / "results").mkdir()
+    (earlier / "trace.json").rename(tmp_path / "results" / "trace.json")
+    (plan / "next_drive.json").write_text(json.dumps({"result": "results", **PLAN}))
+    monkeypatch.chdir(plan)
+    assert EarlierTrace.read(plan).folder.resolve() == tmp_path / "results"
+    assert EarlierTrace.read(plan).place == plan
+
+
+def test_the_confusable_set_is_handed_on_with_its_estimates(earlier):
+    trace = EarlierTrace.read(earlier)
+    for m in trace.content["confusable"]["models"]:
+        m["estimates"] = [{"name": "mass", "value": 1500.0}, {"name": "lost", "value": None}]
+    first, second, nothing = trace.models
+    assert first.added == ((("effect", "steering_lag"),),)
+    assert second.variants == [(("effect", "steering_delay"),), (("effect", "other"),)]
+    assert (nothing.added, nothing.estimates) == ((), {"mass": 1500.0})
+
+
 def test_what_is_no_plan_behind_a_trace_is_refused(earlier, tmp_path):
     plan = earlier / "next-drive" / "next_drive.json"
     plan.write_text(json.dumps({"result": str(earlier), "expected": {"parameters": {}}}))
@@ -171,3 +261,28 @@ def test_a_parameter_file_is_named_so_that_it_holds_elsewhere(tmp_path, monkeypa
     (tmp_path / "mine.toml").write_text("")
     stated = with_absolute_paths({"vehicle": "car", "parameters": "mine.toml", "tyre": "linear"})
     assert stated == {"vehicle": "car", "parameters": str(tmp_path / "mine.toml"), "tyre": "linear"}
+
+
+def test_estimators_and_judging_drives_are_those_of_the_earlier_trace(earlier, tmp_path, monkeypatch):
+    content = json.loads((earlier / "trace.json").read_text())
+    content["asked"]["test"] = record_of_recordings([load_recording(earlier / "test.csv")])
+    content["asked"] |= {"estimators": [], "model": {"vehicle": "car", "parameters": "govindarajan_2018"}}
+    (earlier / "trace.json").write_text(json.dumps(content))
+    tasks = []
+    monkeypatch.setattr("harness.diagnosis.run.run_trace", lambda task, *_: tasks.append(task))
+    new = recording(tmp_path / "new.csv", 5)
+    h.Diagnosis().fit(None, [new], [], tmp_path / "after", after=earlier)
+    h.Diagnosis(estimators=["ekf"]).fit(None, [new], [], tmp_path / "after", after=earlier)
+    assert [t.estimators for t in tasks] == [(), ("ekf",)]
+    assert [r.attrs["name"] for r in (*tasks[0].train, *tasks[0].test)] == ["train", "new", "test"]
+    assert "none of the drives since judges" in _driven_otherwise(tasks[0], tasks[0].after)
+    assert tasks[0].asked["estimators"] == []
+    with pytest.raises(UserError, match="name another folder"):
+        h.Diagnosis().fit(None, [new], [], earlier, after=earlier)
+
+
+def test_drives_are_proposed_where_several_models_are_left(earlier):
+    assert several_models(earlier)
+    for changed in ({"confusable": {"models": [{"added": []}]}}, {"baseline": {"drives": []}}, {"confusable": None}):
+        (earlier / "trace.json").write_text(json.dumps({**EARLIER, **changed}))
+        assert not several_models(earlier)

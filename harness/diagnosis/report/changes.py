@@ -62,7 +62,8 @@ def expectation(outcome: Outcome) -> list[Block]:
         f"Log likelihood ratio of {met.leading} to each model that it was to be told from, by the drives since: "
         "expected if it is right, with the standard deviation, realised, and by how many of these that differs."
     )
-    return [Prose(plain(met.words)), Sheet(["rival", "expected", "realised", "z"], rows, caption, left=1)]
+    sheet = Sheet(["rival", "expected", "realised", "z"], rows, caption, left=1)
+    return [Prose(plain(met.words)), sheet] if rows else [Prose(plain(met.words))]
 
 
 def discrepancy(outcome: Outcome) -> list[Block]:

@@ -27,13 +27,32 @@ class LogRatio:
         rival: Its name.
         expected: Mean, if the leading model is right.
         deviation: Standard deviation then.
-        realised: What came; infinite where the rival is out of the question.
+        realised: What came; infinite where the rival is out of the question, minus infinity where the leading one is,
+            NaN where one of the two was not fitted or both are out of the question.
+        unknown: Why that is not known, in words; empty where it is.
     """
 
     rival: str
     expected: float
     deviation: float
     realised: float
+    unknown: str = ""
+
+    @property
+    def slight(self) -> bool:
+        """Whether so little was expected that no growth at all is within the usual deviations."""
+        return self.expected <= _USUAL * self.deviation
+
+    @property
+    def words(self) -> str:
+        """What came, in words."""
+        if self.unknown:
+            return self.unknown
+        if math.isfinite(self.realised):
+            return f"grew by {number(self.realised)} against {self.rival}"
+        if self.realised > 0.0:
+            return f"grew so much that {self.rival} is out of the question"
+        return f"fell so much against {self.rival} that it is out of the question itself"
 
     @property
     def z(self) -> float:
@@ -54,6 +73,7 @@ class ExpectationMet:
         ratios: Of it to each other.
         likeliest: Name of the likeliest model of all, where it is not in the set.
         none: Probability that none is right, before and now.
+        otherwise: Why what came is not compared, in a sentence; empty where it is.
     """
 
     leading: str
@@ -64,6 +84,7 @@ class ExpectationMet:
     ratios: tuple[LogRatio, ...]
     likeliest: str | None
     none: tuple[float, float]
+    otherwise: str = ""
 
     @property
     def stands(self) -> bool:
@@ -72,37 +93,46 @@ class ExpectationMet:
 
     @property
     def verdict(self) -> str:
-        """``as expected``, ``less`` or ``more`` than that, or ``another model``."""
-        z = [r.z for r in self.ratios if math.isfinite(r.realised)]
+        """``as expected``, ``less`` or ``more`` than that, ``undecided``, ``another model`` or ``not compared``."""
+        ratios = [r for r in self.ratios if not math.isnan(r.realised)]
+        if self.otherwise:
+            return "not compared"
         if self.likeliest is not None:
             return "another model"
-        if any(value < -_USUAL for value in z):
+        if not ratios:
+            return "not compared"
+        z = [r.z for r in ratios if math.isfinite(r.realised)]
+        if any(value < -_USUAL for value in z) or any(r.realised == -math.inf for r in ratios):
             return "less"
+        if any(r.slight and r.realised < 0.5 * r.expected for r in ratios):
+            return "undecided"
         return "more" if any(value > _USUAL for value in z) else "as expected"
 
     @property
     def words(self) -> str:
         """The same in sentences."""
+        if self.otherwise:
+            return f"What was expected of the planned drives is not compared: {self.otherwise}."
         verdict = {
             "as expected": "The planned drives told what was expected",
             "less": "The planned drives told less than was expected",
             "more": "The planned drives told more than was expected",
+            "undecided": "Whether the planned drives told what was expected cannot be said",
+            "not compared": "What was expected of the planned drives cannot be compared",
             "another model": f"The planned drives were to tell others apart than {self.likeliest}, the likeliest now",
         }[self.verdict]
-        ratios = listed([
-            f"{number(r.realised) if math.isfinite(r.realised) else 'so much that it is out of the question'} against "
-            f"{r.rival} (expected {number(r.expected)} ± {number(r.deviation)})"
-            for r in self.ratios
-        ])  # fmt: skip
+        ratios = listed([f"{r.words} (expected {number(r.expected)} ± {number(r.deviation)})" for r in self.ratios])
+        slight = [r.rival for r in self.ratios if r.slight and math.isfinite(r.realised)]
+        shows = f" No growth at all would be within two deviations too, against {listed(slight)}." if slight else ""
         return (
             f"{verdict}: {self.leading} has a probability of {probability(self.realised)} within the set (expected "
-            f"{probability(self.expected)}, before {probability(self.before)}); its log likelihood ratio grew by "
-            f"{ratios}."
+            f"{probability(self.expected)}, before {probability(self.before)}); its log likelihood ratio {ratios}."
+            f"{shows}"
         )
 
 
 def expectation_met(
-    earlier: Mapping[str, Any], plan: Mapping[str, Any], posterior: Posterior | None
+    earlier: Mapping[str, Any], plan: Mapping[str, Any], posterior: Posterior | None, otherwise: str = ""
 ) -> ExpectationMet | None:
     """Return what was expected of planned drives against what came; nothing without probabilities.
 
@@ -110,6 +140,7 @@ def expectation_met(
         earlier: ``trace.json`` behind which they were planned.
         plan: ``next_drive.json``.
         posterior: Of the trace with them.
+        otherwise: Why what came is not compared, as where other drives were driven.
     """
     if posterior is None:
         return None
@@ -123,31 +154,45 @@ def expectation_met(
     shares = [0.0 if m is None else m.share for m in models]
     leading = max(range(len(names)), key=shares.__getitem__)
     first = posterior.models[0]
-    now = [-math.inf if m is None else m.difference.value for m in models]
-    ratios = tuple(
-        LogRatio(
-            names[j],
-            0.5 * rows[leading]["d2"][j],
-            math.sqrt(rows[leading]["d2"][j]),
-            (now[leading] - now[j]) - (before[leading] - before[j]) if math.isfinite(now[j]) else math.inf,
-        )
+    ratios = [
+        _ratio(names, leading, j, math.sqrt(rows[leading]["d2"][j]), models, before)
         for j in range(len(names))
-        if j != leading
-    )
+        if j != leading and not otherwise
+    ]
     return ExpectationMet(
         names[leading],
         float(rows[leading]["share"]),
         float(rows[leading]["expected"]),
         shares[leading] / sum(shares) if sum(shares) > 0.0 else 0.0,
         float(plan["expected"]["stands"]),
-        ratios,
+        tuple(ratios),
         None if any(m is first for m in models) else named(first),
         (float(earlier["posterior"]["none_of_these"]), posterior.none),
+        otherwise,
     )
 
 
 _Added = Sequence[Sequence[Mapping[str, str]]]
 """What a model has beyond the nominal one, by ``name`` and ``kind``: of each addition all that are alike."""
+
+
+def _ratio(
+    names: Sequence[str],
+    leading: int,
+    rival: int,
+    d: float,
+    models: Sequence[ComparedModel | None],
+    before: Sequence[float],
+) -> LogRatio:
+    """Return how the log likelihood ratio of two models grew, with what was expected of that."""
+    expected = names[rival], 0.5 * d**2, d
+    missing = [names[k] for k in (leading, rival) if models[k] is None]
+    if missing:
+        return LogRatio(*expected, math.nan, f"is not known, as {listed(missing)} was not fitted")
+    first, second = (m.difference.value for m in (models[leading], models[rival]) if m is not None)
+    grown = (first - second) - (before[leading] - before[rival])
+    why = f"against {names[rival]} is not known, as the equations of one of the two do not hold on a drive that judged"
+    return LogRatio(*expected, grown, why if math.isnan(grown) else "")
 
 
 def _density(models: Sequence[Mapping[str, Any]], added: _Added) -> float:
@@ -194,7 +239,14 @@ def record_of_expectation(met: ExpectationMet | None) -> dict[str, Any] | None:
         "likeliest": met.leading if met.likeliest is None else met.likeliest,
         "none_of_these": dict(zip(("before", "now"), met.none, strict=True)),
         "log_likelihood_ratios": [
-            {"rival": r.rival, "expected": r.expected, "deviation": r.deviation, "realised": r.realised, "z": r.z}
+            {
+                "rival": r.rival,
+                "expected": r.expected,
+                "deviation": r.deviation,
+                "realised": r.realised,
+                "z": r.z,
+                "words": r.words,
+            }
             for r in met.ratios
         ],
     }
