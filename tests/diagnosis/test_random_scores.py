@@ -8,7 +8,7 @@ import pytest
 
 from harness.config import resolve_single
 from harness.diagnosis.criteria import PRIORS
-from harness.diagnosis.fitting import FittedHypothesis, ParameterPoint
+from harness.diagnosis.fitting import FittedHypothesis, Fitting, ParameterPoint
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import (
     ALL_PARAMETERS,
@@ -103,6 +103,16 @@ def test_a_parameter_is_sought_where_it_is_possible_beside_the_others(truck):
     assert upper == truck.model.parameters[truck.row("trailer_length")].upper
     mass = truck.model.parameters[truck.row("trailer_mass")]
     assert truck.possible_range("trailer_mass", values) == (mass.lower, mass.upper)
+
+
+def test_a_fit_starts_where_values_are_possible_together(truck):
+    """From a trailer that ends behind its kingpin a fit goes nowhere, and every score there promises nothing."""
+    possible, shorter = (truck.stated()[:, None] for _ in range(2))
+    shorter[truck.row("trailer_length")] = 0.99 * shorter[truck.row("kingpin_from_rear")]
+    points = [ParameterPoint(values, np.zeros(0), np.zeros(0)) for values in (shorter, possible)]
+    fitting = SimpleNamespace(augmented=truck, driveable=SimpleNamespace(unstable_from=lambda _: math.inf))
+    assert Fitting.best(fitting, points) is points[1]
+    assert Fitting.best(fitting, points[:1]) is points[0]
 
 
 def test_where_an_axle_is_may_be_off_like_other_lengths_though_it_may_be_at_the_rear_wall(truck):

@@ -227,6 +227,10 @@ class AugmentedModel(FilteredModel):
                 values[i] = p.grid[0] if p.grid else p.upper if p.per_drive else p.lower
         return values
 
+    def possible(self, values: Floats) -> bool:
+        """Whether all parameters ``(np,)`` are possible together, as the vehicle file says."""
+        return not broken_relations(self.spec.vehicle, dict(zip(self.names, map(float, values), strict=True)))
+
     def possible_range(self, name: str, values: Floats) -> tuple[float, float]:
         """Return from where to where a parameter is possible with the others as they are.
 
@@ -235,10 +239,9 @@ class AugmentedModel(FilteredModel):
             values: All parameters ``(np,)``, possible together.
         """
         row = self.row(name)
-        held = dict(zip(self.names, map(float, values), strict=True))
 
         def possible(value: float) -> bool:
-            return not broken_relations(self.spec.vehicle, {**held, name: value})
+            return self.possible(np.where(np.arange(len(values)) == row, value, values))
 
         def farthest(bound: float) -> float:
             if possible(bound):
