@@ -65,6 +65,7 @@ HOW: dict[Callable[[Any, float], Any], tuple[str, tuple[str, ...]]] = {
                 "PRIORS.implausible",
                 "PRIORS.beside_curves",
                 "PRIORS.gain",
+                "PRIORS.intensity",
                 "PRIORS.likeness",
             ),
         ),

@@ -26,6 +26,7 @@ class Priors:
         beside_curves: The most that it may be for the step of a parameter beside curves.
         misfit: Factor on the spectrum of the innovations in an octave that something unmodelled adds at least.
         gain: Share by which a gain may differ from what positions say of it, besides their standard errors.
+        intensity: Standard deviation of the logarithm of an intensity of a random process on another day.
         likeness: Share by which the size of a change may be off, because the model of the vehicle is only like it.
     """
 
@@ -36,6 +37,7 @@ class Priors:
     beside_curves: float
     misfit: float
     gain: float
+    intensity: float
     likeness: float
 
 
@@ -106,6 +108,7 @@ PRIORS = Priors(
     beside_curves=0.03,  # further from the fit the linear response of a parameter that is hardly excited does not hold
     misfit=1.5,  # a noise variance that was estimated, and parameters that were, leave some percent
     gain=0.01,  # clocks, roll, and positions of another point of the vehicle
+    intensity=0.15,  # of 34 days on which nothing had changed; with twice that a constant bias was a gyroscope's drift
     likeness=0.1,  # of plants that share nothing with the models; docs/attribution.md has what intervals then hold
 )
 """What is known before the drives are seen."""

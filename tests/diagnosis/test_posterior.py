@@ -278,6 +278,15 @@ def test_a_stated_value_off_by_a_factor_costs_by_its_prior():
     assert log_size(fitted, (Hypothesis("lag", "effect", ("mass",)),)) == 0.0
 
 
+def test_an_intensity_that_grows_as_on_no_other_day_counts_against_a_model():
+    """A gyroscope that wanders thrice as far as earlier drives showed costs what the fit paid for that."""
+    c = Coordinate("drift", "intensity", (0,), math.log(1e-3), math.log(1e-6), 0.0, True, "rad/s")
+    for prior, expected in ((PRIORS.intensity, -0.5 * (math.log(3.0) / PRIORS.intensity) ** 2), (math.inf, 0.0)):
+        known = dataclasses.replace(c, prior=prior)
+        fitted = SimpleNamespace(coordinates=(known,), point=SimpleNamespace(value=lambda _: 3e-3))
+        assert log_size(fitted, ()) == pytest.approx(expected)
+
+
 def test_what_the_parameter_set_states_is_how_far_a_value_may_be_off(augmented, monkeypatch):
     """A wheelbase that is known to a percent is not off by five, alone or with many others."""
     tried = {h.name: h for h in hypotheses(augmented, FREE)}

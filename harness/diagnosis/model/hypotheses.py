@@ -8,6 +8,7 @@ from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from harness.diagnosis.criteria import PRIORS
 from harness.diagnosis.model.augmented_model import AugmentedModel, stays
 from harness.identification.coordinates import Coordinate, intensity_coordinate, parameter_coordinate
 from harness.models.assembly.placement import (
@@ -235,15 +236,12 @@ def coordinates(
     )
 
 
-INTENSITY = 0.3
-"""Standard deviation of the logarithm of an intensity that other drives showed: those of another day are as alike."""
-
-
 def _intensity(model: AugmentedModel, name: str) -> Coordinate:
+    """Return the coordinate of an intensity; one that other drives showed is as alike as those of another day are."""
     row = model.row(name)
     before = float(model.stated()[row])
     c = intensity_coordinate(model.model.parameters[row], row, before)
-    return replace(c, prior=INTENSITY) if before > 0.0 else c
+    return replace(c, prior=PRIORS.intensity) if before > 0.0 else c
 
 
 def _in_question(model: AugmentedModel, name: str) -> Coordinate:
