@@ -88,6 +88,25 @@ def test_several_processes_are_fitted_in_place_of_each_where_they_lead(monkeypat
     assert sorted(asked) == sorted(fitted)
 
 
+@pytest.mark.parametrize(
+    ("refused", "changed", "fitted"), [(True, True, "abc"), (False, True, "a"), (True, False, "a")]
+)
+def test_a_lead_that_the_held_out_drives_refuse_hides_no_change(monkeypatch, refused, changed, fitted):
+    """A bias of the day promises 150 units; what stays promises 40 and 30, which is less than half of that."""
+    named = [Hypothesis(name, "effect", (name,), changed=changed) for name in "abcd"]
+    scores = [SimpleNamespace(hypothesis=h, gain=g) for h, g in zip(named, (150, 40, 30, 20), strict=True)]
+    monkeypatch.setattr(rounds, "likelier_held_out", lambda c, before: not refused)
+    monkeypatch.setattr(rounds, "distinct", list)
+    monkeypatch.setattr(rounds.SelectionRound, "before", None)
+    one = rounds.SelectionRound(None, (), [None], "round 1")
+    one.promised, one.fits = scores, {named[0]: None}
+    monkeypatch.setattr(one, "fit", lambda chosen: one.fits.update({s.hypothesis: None for s in chosen}))
+    for name, value in {"predicted_bic_gain": lambda s: s.gain, "judged": lambda s: s}.items():
+        monkeypatch.setattr(one, name, value)
+    one.fit_behind_refused()
+    assert "".join(h.name for h in one.fits) == fitted
+
+
 @pytest.fixture(scope="module")
 def truck():
     stated = {"vehicle": "semitrailer", "parameters": "ziaukas_2023", "tyre": "magic_formula"}

@@ -26,6 +26,7 @@ from harness.diagnosis.selection.acceptance import (
     distinct,
     hardest,
     implausible,
+    likelier_held_out,
     lookalikes,
     objections,
     same,
@@ -153,6 +154,7 @@ class SelectionRound:
         """Fit what is worth it; return a fit without addition from which the round has to start again, if any."""
         self.rank()
         self.fit_worthy()
+        self.fit_behind_refused()
         self.fit_like_the_best()
         if not self.fits:
             return None
@@ -246,6 +248,18 @@ class SelectionRound:
         many = [s for s in self.shortlist if s.hypothesis.name == ALL_PARAMETERS]
         if not self.settled():
             self.fit([s for s in many if short * self.predicted_bic_gain(s) >= reached])
+
+    def fit_behind_refused(self) -> None:
+        """Fit also what promises less of a change, where the held-out drives speak against all that promises most.
+
+        A bias of the day leads on the day that is fitted. What it leads by is no bar for a change that stays.
+        """
+        before = self.before
+        if any(likelier_held_out(self.judged(s), before) for s in self.tried()):
+            return
+        plain = [s for s in self.promised if not (s.hypothesis.random or s.hypothesis.many) and s.hypothesis.changed]
+        rest = [s for s in distinct(plain) if s.hypothesis not in self.fits]
+        self.fit([s for s in rest if self.predicted_bic_gain(s) > MOST * BIC_NEEDED][:TRIED])
 
     def settled(self) -> bool:
         """Whether a single hypothesis is accepted and explains everything; then many parameters need no fit."""
