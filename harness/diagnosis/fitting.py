@@ -245,10 +245,7 @@ class Fitting:
         return float(self.augmented.log_likelihoods(self.drives, self.candidates([point]))[0])
 
     def best(self, points: Sequence[ParameterPoint]) -> ParameterPoint:
-        """Return the likeliest of several points, of those that are possible and can be driven where any is.
-
-        From one whose values are impossible together a fit moves nowhere, and no score test has room there.
-        """
+        """Return the likeliest of several points, of those that are possible and can be driven where any is."""
         points = [p for p in points if self.augmented.possible(p.values[:, 0])] or points
         points = [p for p in points if math.isinf(self.driveable.unstable_from(p.values[:, 0]))] or points
         if len(points) == 1:
