@@ -73,7 +73,7 @@ def next_drive(task: NextDriveOptions) -> None:
     from harness.experiment.files import once_driven
     from harness.experiment.kept_drives import TRIED
     from harness.experiment.limits import limits_of
-    from harness.experiment.report import answer, write_design
+    from harness.experiment.report import answer, limits_words, write_design
     from harness.experiment.run import DesignTask, design_drives
     from harness.identification.earlier_result import FOLDER
 
@@ -107,7 +107,8 @@ def next_drive(task: NextDriveOptions) -> None:
     refused = [
         f"{name}: no drive keeps to the limits and the budget ({why})" for name, why in designed.plan.refused.items()
     ]
-    printed(answer(designed), [*(f"open: {text}" for text in expectation.open), *ranked, *refused, *written])
+    lines = [f"limits: {limits_words(designed)}", *(f"open: {text}" for text in expectation.open), *ranked, *refused]
+    printed(answer(designed), [*lines, *written])
     if then := once_driven(designed, out):
         Console().print(Text(f"once driven: {then}", style="bold"), soft_wrap=True)
 

@@ -92,7 +92,7 @@ class DrivePlan:
 
     Attributes:
         ranked: The best of each manoeuvre, repeated alone, the best first.
-        sequence: Drives, each with how often it is driven.
+        sequence: Drives, each with how often it is driven; none where no drive tells more than is known now.
         evidence: What the sequence tells.
         value: The criterion behind it.
         refused: Of each manoeuvre without a drive, which limits its drives pass.
@@ -158,6 +158,8 @@ def design(
     if ranked and not (seconds if settled else math.inf, goal.preference(evidence)) < ranked[0].rank:
         sequence = ((ranked[0], ranked[0].times),)
         evidence = total([(ranked[0].evidence, ranked[0].times)])
+    if not goal.preference(evidence) < goal.preference(None):  # it would not tell more than is known now
+        sequence, evidence = (), None
     return DrivePlan(ranked, sequence, evidence, goal.value(evidence), refused, count)
 
 

@@ -26,12 +26,32 @@ from harness.reporting.style import number, with_unit
 
 def answer(designed: Designed) -> str:
     """Return the drives in a sentence, and what is expected behind them."""
-    plan = designed.plan
+    plan, goal = designed.plan, designed.goal
+    sequence = [t for t, _ in plan.sequence]
     drives = listed([
-        f"{t.manoeuvre.name}{f' {times} times' if times > 1 else ''} ({t.rehearsed.seconds:g} s)"
+        f"{t.manoeuvre.name}{f' {times} times' if times > 1 else ''} "
+        f"({', '.join([f'{t.rehearsed.seconds:g} s', *_apart(t, sequence)])})"
         for t, times in plan.sequence
     ])  # fmt: skip
-    return f"Drive {drives}, {plan.seconds:g} s in all; expected: {designed.goal.expectation(plan.evidence).words}."
+    expected, now = (goal.expectation(evidence).words for evidence in (plan.evidence, None))
+    more = ", which is no more than is expected without them" if expected == now else ""
+    return f"Drive {drives}, {plan.seconds:g} s in all; expected: {expected}{more}."
+
+
+def _apart(drive: TriedDrive, sequence: Sequence[TriedDrive]) -> list[str]:
+    """Return in what a drive differs from others of the same manoeuvre; its duration is said besides."""
+    others = [o for o in sequence if o is not drive and o.manoeuvre.name == drive.manoeuvre.name]
+    return [part for part in _quantities(drive) if any(part not in _quantities(o) for o in others)]
+
+
+def limits_words(designed: Designed) -> str:
+    """Return the limits of every drive in a driver's units, articulation only of several bodies."""
+    articulated = len(designed.plant.model().bodies) > 1
+    return ", ".join(
+        f"{words(name)} {'open' if value is None else _for_driver_in(value, UNITS[name])}"
+        for name, value in stated(designed.task.limits).items()
+        if articulated or name != "articulation"
+    )
 
 
 def write_design(designed: Designed, folder: Path, command: str) -> list[Path]:
@@ -113,12 +133,12 @@ def _for_driver(designed: Designed) -> list[Block]:
             if designed.goal.turns > 1
             else []
         ),
-        f"Limits: {_limits(designed.task.limits, len(model.bodies) > 1)}.",
+        f"Limits: {limits_words(designed)}.",
         f"A steering robot takes {listed([f'{n}.csv' for n in names_of(designed)])}. By hand the drawing need not be "
         "met within the limits: what is recorded counts.",
     ]
     sheet = Sheet(header, rows, "The drives in their order.", left=2)
-    return [sheet, Bullets([plain(way) for way in ways]), *drawings, Bullets([plain(n) for n in notes])]
+    return [sheet, Bullets([plain(text) for text in (*ways, *notes)]), *drawings]
 
 
 def _draw(tried: TriedDrive, limits: Limits, name: str, bodies: Sequence[str]) -> bytes:
@@ -187,21 +207,31 @@ _NOT_SHOWN = ("lead_in", "lateral_acceleration_limit", "duration", "fade", "tran
 
 
 def _free(t: TriedDrive) -> str:
+    return ", ".join(_quantities(t))
+
+
+def _quantities(t: TriedDrive) -> list[str]:
+    """Return the free quantities of a drive, each with its value as a driver reads it."""
     drive, profile = t.rehearsed.drive, t.rehearsed.profile
     if drive.kind == SPLINE:
         angle = _for_driver_in(float(np.abs(profile.steering_wheel_angle).max()), "rad")
-        return f"steering and speed as drawn, from {_for_driver_in(drive.options['speed'], 'm/s')}, at most {angle}"
+        return [
+            "steering and speed as drawn",
+            f"from {_for_driver_in(drive.options['speed'], 'm/s')}",
+            f"at most {angle}",
+        ]
     units = {o.name: o.unit for o in DRIVES.load(drive.kind).OPTIONS}
     options = {k: v for k, v in drive.options.items() if k not in _NOT_SHOWN}
-    return ", ".join(
-        f"{words(k)} {_for_driver_in(v, units[k]) if isinstance(v, float) else v}" for k, v in options.items()
-    )
+    return [f"{words(k)} {_for_driver_in(v, units[k]) if isinstance(v, float) else v}" for k, v in options.items()]
 
 
 def _for_driver_in(value: float, unit: str) -> str:
-    """Write a quantity in the unit that a driver reads: km/h and degrees."""
-    scale, shown = _SHOWN.get(unit, (1.0, print_unit(unit)))
-    return with_unit(scale * value, shown)
+    """Write a quantity in the unit that a driver reads: km/h and degrees, to a tenth."""
+    if unit not in _SHOWN:
+        return with_unit(value, print_unit(unit))
+    scale, shown = _SHOWN[unit]
+    tenths = f"{round(scale * value, 1) + 0.0:.1f}".removesuffix(".0").replace("-", "−")  # + 0.0: of no -0
+    return f"{tenths}{'' if shown == '°' else ' '}{shown}"
 
 
 def _sensors(designed: Designed) -> list[Block]:
@@ -211,14 +241,6 @@ def _sensors(designed: Designed) -> list[Block]:
         for e in designed.equipped
     ]  # fmt: skip
     return [Sheet(["sensors", "they measure", "expected"], rows, "The same drives with other sensors.", left=3)]
-
-
-def _limits(limits: Limits, articulated: bool) -> str:
-    return ", ".join(
-        f"{words(name)} {'open' if value is None else _for_driver_in(value, UNITS[name])}"
-        for name, value in stated(limits).items()
-        if articulated or name != "articulation"
-    )
 
 
 def _made(designed: Designed, folder: Path, command: str) -> list[Block]:

@@ -129,14 +129,27 @@ def design_drives(task: DesignTask, say: Callable[[str], None] = lambda _: None)
     with threadpool_limits(1):  # threads of the linear algebra would wait for those of the drives
         plan = design(goal, rehearsal, room, manoeuvres, task.budget, task.effort, jobs, task.seed, say, kept)
     if not plan.sequence:
-        reasons = "; ".join(f"{name}: {why}" for name, why in plan.refused.items()) or "nothing tells more"
-        raise UserError(f"no drive of {task.budget:g} s keeps to the limits ({reasons}); widen them or the budget")
+        raise UserError(_no_plan(plan, task))
     equipped = []
     if task.sensors:
         for name in fitting_sensors(spec.vehicle, spec.tyre):
             say(f"sensors: {name}")
             equipped.append(_equipped(task, goal, plan, name))
     return Designed(task, spec, goal, plan, tuple(equipped))
+
+
+def _no_plan(plan: DrivePlan, task: DesignTask) -> str:
+    """Return why there is no plan, and how to come to one."""
+    if not plan.ranked:
+        reasons = "; ".join(f"{name}: {why}" for name, why in plan.refused.items())
+        return f"no drive of {task.budget:g} s keeps to the limits ({reasons}); widen them or the budget"
+    nothing = f"no drive within these limits tells anything that is not known now: of {plan.tried} that were rehearsed"
+    if not any(array.any() for tried in plan.ranked for array in tried.evidence):
+        return (
+            f"{nothing} each is too calm to be judged; widen lateral_acceleration, "
+            f"{task.limits.lateral_acceleration:.3g} m/s², or the limits of speed and steering"
+        )
+    return f"{nothing} none lowers the criterion; widen the limits or the budget, or try more of each (--effort)"
 
 
 def _kept(task: DesignTask, goal: Goal, manoeuvres: Sequence[Manoeuvre]) -> KeptDrives:

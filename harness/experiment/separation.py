@@ -155,14 +155,16 @@ class SeparationGoal:
         m, n = len(self.rivals), max(len(f.coordinates) for f in self.filters)
         shape = 2, m, m, len(self.filters[0].points)
         squares, slopes, information = np.zeros(shape), np.zeros((*shape, n)), np.zeros((*shape, n, n))
-        for i, data in enumerate(() if any(map(self.is_calm, drive.data)) else drive.data):
+        calm = any(map(self.is_calm, drive.data))
+        for i, data in enumerate(() if calm else drive.data):
             for j, rival in enumerate(self.filters):
                 k = len(rival.coordinates)
                 for part, parts in enumerate(rival.over(self.model, data, BLOCK, refitted=i != j)):
                     squares[part, i, j] = parts.squares
                     slopes[part, i, j, :, :k] = parts.slope
                     information[part, i, j, :, :k, :k] = parts.information
-        return squares, slopes, information, np.array([drive.seconds, drive.seconds - BLOCK])
+        seconds = np.zeros(2) if calm else np.array([drive.seconds, drive.seconds - BLOCK])
+        return squares, slopes, information, seconds
 
     def is_calm(self, data: DriveData) -> bool:
         """Whether a trace refuses a recording, or one of a vehicle that turns a little less."""
@@ -258,8 +260,8 @@ class SeparationGoal:
             for r, p, e, s, d in zip(self.rivals, self.shares, expected, stands, distance, strict=True)
         }
         return ExpectedOutcome(
-            words=f"one name stands with {STANDS:.0%} in {probability(standing)} of the cases, if one of "
-            f"{len(names)} is right",
+            words=f"one name stands with {STANDS:.0%} in {probability(standing)} of the cases, if {' or '.join(names)} "
+            "is right",
             open=tuple(still),
             record={"models": models, "stands": standing},
             header=["if this is right", "probability now", "expected", "it stands", "least d²"],

@@ -13,7 +13,7 @@ the error stays whatever is known of it.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -95,6 +95,7 @@ class StudiedErrors:
     Attributes:
         spec: The vehicle with the mean values of the design.
         design: Its design.
+        others: Names of further populations of the study, which were not asked for.
         errors: Of estimators and targets that count.
         spread: Standard deviation of each factor, SI ``(n,)``.
         means: Of each factor, SI ``(n,)``.
@@ -111,6 +112,7 @@ class StudiedErrors:
     values: Floats
     correlation: Floats
     believed: Mask
+    others: tuple[str, ...] = ()
 
     @property
     def names(self) -> list[str]:
@@ -130,7 +132,8 @@ def read_study(folder: Path, wanted: Mapping[str, float]) -> StudiedErrors:
         UserError: If there is no such design, its plant has no equations here, or something is wanted that it has not.
     """
     study, results = study_of(folder), read(folder)
-    chosen = _chosen(study, wanted, folder)
+    populations = _populations(study, folder)
+    chosen = populations[next((name for name in wanted if name in populations), next(iter(populations)))]
     table = points(study, chosen).values[0]
     spread = table.std(axis=0)
     moved = [i for i in range(len(chosen.factors)) if spread[i] > 0]
@@ -157,11 +160,12 @@ def read_study(folder: Path, wanted: Mapping[str, float]) -> StudiedErrors:
     vehicles = np.linspace(0, len(values) - 1, _VERSIONS).round().astype(int)
     spec = _with(study.plant, slim, means)
     correlation = np.corrcoef(values.T).reshape(len(spread), len(spread))
-    return StudiedErrors(spec, slim, errors, spread, means, values[vehicles], correlation, believed)
+    others = tuple(name for name in populations if name != chosen.name)
+    return StudiedErrors(spec, slim, errors, spread, means, values[vehicles], correlation, believed, others)
 
 
-def _chosen(study: StudySpec, wanted: Collection[str], folder: Path) -> DesignSpec:
-    """Return the design whose distributions say what is not known."""
+def _populations(study: StudySpec, folder: Path) -> dict[str, DesignSpec]:
+    """Return the designs whose distributions say what is not known, by name."""
     if study.plant.external is not None:
         raise UserError(f"{folder}: drives are planned for models of the library; the plant is of somebody else")
     fit = {d.name: d for d in study.designs if d.sampling == "population" and d.factors}
@@ -170,7 +174,7 @@ def _chosen(study: StudySpec, wanted: Collection[str], folder: Path) -> DesignSp
             f"{folder}: no design says what is not known of the vehicle; run a study with a design of sampling = "
             "'population', of a posterior or of distributions of its factors"
         )
-    return fit[next((name for name in wanted if name in fit), next(iter(fit)))]
+    return fit
 
 
 def _weights(design: Design, wanted: Mapping[str, float]) -> dict[tuple[int, int], float]:
@@ -355,9 +359,9 @@ class StudyGoal:
                 studied.design.factors, studied.means, studied.spread, deviations, strict=True)
         }  # fmt: skip
         return ExpectedOutcome(
-            words=listed(said),
+            words=f"over the vehicles of design '{studied.design.name}' {listed(said)}",
             open=(*self._open(covariance), *self._cautions()),
-            record={"errors": record, "parameters": parameters},
+            record={"design": studied.design.name, "errors": record, "parameters": parameters},
             header=["error (RMSE)", "now", "expected", "with known parameters"],
             rows=rows,
         )
@@ -386,4 +390,6 @@ class StudyGoal:
             for e in self.studied.errors
             if e.lost >= _MOST_LOST
         ]
-        return rough + lost
+        others = listed([f"'{name}'" for name in self.studied.others])
+        unasked = f"the errors over {others}, which another plan is for: name that design (--for)"
+        return [*rough, *lost, *([unasked] if others else [])]

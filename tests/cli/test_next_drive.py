@@ -16,6 +16,7 @@ from harness.cli.main import app
 from harness.common.files import read_toml
 from harness.experiment.files import names_of, once_driven, written_to
 from harness.experiment.limits import Limits
+from harness.experiment.report import answer, limits_words, report
 from harness.experiment.run import DesignTask, design_drives
 from harness.reporting.style import number
 from support.identification import CAR
@@ -64,8 +65,8 @@ def test_drives_are_planned_written_and_taken(fit, tmp_path):
     np.testing.assert_allclose(again.steering_wheel_angle, profile.steering_wheel_angle, atol=0.02 * largest)
     assert (out / "report.pdf").stat().st_size > 0
     page = (out / "report.html").read_text().partition("What is expected?")[0]
-    assert f"Enter straight ahead at {number(3.6 * profile.speed[0])} km/h" in page
-    assert f"amplitude {number(np.degrees(table['amplitude']))}°" in page
+    assert f"Enter straight ahead at {3.6 * profile.speed[0]:.1f}".removesuffix(".0") in page
+    assert f"amplitude {np.degrees(table['amplitude']):.1f}".removesuffix(".0") in page
     assert f"last frequency {number(table['last_frequency'])} Hz" in page
     assert run(fit, "--out", out, "--manoeuvre", "step", "--effort", 2, "--jobs", 1).exit_code == 0
     assert sorted(p.name for p in out.glob("*.csv")) == ["1-step.csv"]
@@ -84,6 +85,34 @@ def test_how_a_trace_goes_on_from_the_drives_is_said(record, line):
     designed = SimpleNamespace(goal=goal, task=task, plan=plan)
     assert once_driven(designed, Path("results/truck/next-drive")) == line
     assert once_driven(designed, Path("weave")) == line.replace("results/truck", "weave")
+
+
+def test_drives_of_one_manoeuvre_are_told_apart_and_the_wheel_stands_at_tenths_of_a_degree(fit, tmp_path):
+    task = DesignTask(fit, limits=Limits(highest_speed=80.0), budget=60.0, manoeuvres=("weave",), effort=4, jobs=1)
+    designed = design_drives(task)
+    (drive,) = designed.plan.ranked
+    rehearsed = drive.rehearsed
+    wheel = rehearsed.profile.steering_wheel_angle.copy()
+    wheel[-1] = 2e-16
+    still = replace(rehearsed, profile=replace(rehearsed.profile, steering_wheel_angle=wheel))
+    options = {**rehearsed.drive.options, "frequency": 0.123}
+    slower = replace(still, drive=replace(rehearsed.drive, options=options))
+    sequence = tuple((replace(drive, rehearse=lambda r=r: r), 1) for r in (still, slower))
+    several = replace(designed, plan=replace(designed.plan, sequence=sequence))
+    assert "frequency 0.123 Hz" in answer(several)
+    assert answer(several).count("frequency") == 2
+    assert "speed" not in answer(several)  # which is the same of both
+    assert "highest speed 288 km/h" in limits_words(several)
+    report(several, fit, "test").write(tmp_path)
+    page = (tmp_path / "report.html").read_text().partition("What is expected?")[0]
+    assert page.count("the wheel stands at 0°") == 2
+    assert page.index("Record ") < page.index("path from above")
+
+
+def test_a_plan_that_expects_what_is_known_now_says_so(fit):
+    designed = design_drives(DesignTask(fit, budget=10.0, manoeuvres=("step",), effort=2, jobs=1))
+    assert "no more than" not in answer(designed)
+    assert "no more than" in answer(replace(designed, plan=replace(designed.plan, evidence=None)))
 
 
 def test_every_drive_of_a_sequence_has_its_command(fit):

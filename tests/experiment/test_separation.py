@@ -175,6 +175,8 @@ def test_the_drives_of_a_trace_are_planned_and_written(goal, tmp_path):
     assert list(record["expected"]["models"]) == ["steering lag", "yaw inertia", "nothing added"]
     with pytest.raises(UserError, match="of an identification"):
         design_drives(replace(task, criterion="A"))
+    with pytest.raises(UserError, match="too calm to be judged; widen lateral_acceleration"):
+        design_drives(replace(task, limits=Limits(lateral_acceleration=0.01)))
     for room in ({"budget": 30.0}, {"limits": Limits(duration=10.0)}):
         with pytest.raises(UserError, match="last 21 s at least, each is driven 2 times"):
             design_drives(replace(task, **room))

@@ -146,5 +146,9 @@ def test_a_study_that_does_not_say_what_is_open_is_refused(tmp_path):
     open_ = {"name": "open", "sampling": "population", "samples": 16, "factor": both}
     folder = study_of(tmp_path / "both", [], design=[open_, tight])
     assert read_study(folder, {"tight": 1.0, "EKF": 1.0}).names == ["stiffness_over_load_rear"]
+    expectation = StudyGoal(read_study(folder, {"tight": 1.0})).expectation(None)
+    assert expectation.record["design"] == "tight"
+    assert "'tight'" in expectation.words
+    assert any("'open'" in text for text in expectation.open)
     with pytest.raises(UserError, match="believe nothing of what design 'open' varies"):
         design_drives(DesignTask(folder))
