@@ -141,7 +141,8 @@ def test_no_growth_is_not_as_expected_however_wide_its_deviation():
         "as expected",
         "more",
     ]
-    assert "No growth at all would be within two deviations too" in grown(4.1).words
+    said = ["No growth at all would be within two deviations too" in grown(by).words for by in (0.1, 4.1, 16.5)]
+    assert said == [True, True, False]
 
 
 def test_other_drives_than_planned_are_compared_with_no_expectation():

@@ -122,7 +122,8 @@ class ExpectationMet:
             "another model": f"The planned drives were to tell others apart than {self.likeliest}, the likeliest now",
         }[self.verdict]
         ratios = listed([f"{r.words} (expected {number(r.expected)} ± {number(r.deviation)})" for r in self.ratios])
-        slight = [r.rival for r in self.ratios if r.slight and math.isfinite(r.realised)]
+        open_ = self.verdict in ("as expected", "undecided")
+        slight = [r.rival for r in self.ratios if open_ and r.slight and math.isfinite(r.realised)]
         shows = f" No growth at all would be within two deviations too, against {listed(slight)}." if slight else ""
         return (
             f"{verdict}: {self.leading} has a probability of {probability(self.realised)} within the set (expected "
