@@ -24,6 +24,7 @@ from harness.diagnosis.result.outcome import outcome_of, with_effects
 from harness.diagnosis.run import TraceTask, run_trace
 from harness.diagnosis.selection.acceptance import strayed
 from harness.diagnosis.selection.baseline import about, learnt, of_roads
+from harness.diagnosis.selection.earlier_models import EarlierDrives
 from harness.diagnosis.selection.forward_selection import first_variances, trace
 from harness.diagnosis.selection.model_comparison import log_held
 from support.driven_car import CAR, FREE, driven
@@ -38,8 +39,8 @@ def baseline(augmented):
 def searched(augmented, baseline, recordings):
     later = baseline.augmented
     drives = [later.drive(r, f"now {i}") for i, r in enumerate(recordings)]
-    options = {"always": random_processes(augmented)}
-    found = trace(later, drives[:-1], drives[-1:], of_roads(augmented), **options)
+    known = EarlierDrives(random_processes(augmented))
+    found = trace(later, drives[:-1], drives[-1:], of_roads(augmented), earlier=known)
     return since(outcome_of(found), baseline)
 
 
