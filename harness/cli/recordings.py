@@ -176,6 +176,26 @@ class IdentifyOptions(MeasuredOptions):
         keys: dict[str, Any] = {name: value for name, value in stated.items() if value is not None}
         return {**keys, "integrator": self.integrator, "substeps": self.substeps} if keys else {}
 
+    def refuse_idle(self) -> None:
+        """Refuse options of a model where it is that of the earlier result, which they would not change.
+
+        Raises:
+            UserError: If there are such.
+        """
+        if self.after is None or self.model.vehicle:
+            return
+        bare = type(self)(model=MaybeModelOptions())
+        stated = {
+            "--parameters": self.model.parameters, "--tyre": self.model.tyre, "--effect": self.model.effects,
+            "--sensors": self.model.sensors, "--set": self.model.values,
+            "--integrator": self.integrator != bare.integrator, "--substeps": self.substeps != bare.substeps,
+        }  # fmt: skip
+        if idle := [option for option, value in stated.items() if value]:
+            raise UserError(
+                f"--after: the model is that of the earlier result as it was, without {', '.join(idle)}; leave that "
+                "out, or name a model with --model"
+            )
+
 
 @takes(IdentifyOptions)
 def identify(task: IdentifyOptions) -> None:
@@ -212,6 +232,7 @@ def identify(task: IdentifyOptions) -> None:
             jobs=task.jobs,
         )
     else:
+        task.refuse_idle()
         out, free = task.folder, listed(task.free or [])
         train, test = task.drives()
         fit = identified(

@@ -75,6 +75,16 @@ def test_a_fit_goes_on_from_an_earlier_one_with_its_recordings_and_settings(resu
         assert entry["ratio"] == pytest.approx(entry["reached"] / entry["expected"])
 
 
+@pytest.mark.parametrize(
+    "words",
+    [("--set", "mass=1"), ("--tyre", "linear"), ("--substeps", "2"), ("--integrator", "euler"), ("--effect", "camber")],
+)
+def test_an_option_of_a_model_that_is_not_named_is_refused(tmp_path, words):
+    done = run("identify", "--after", tmp_path, "--train", tmp_path / "second.csv", *words)
+    assert (done.exit_code, f"without {words[0]};" in done.stderr) == (2, True), done.stderr
+    assert done.stderr.count("\n") == 1
+
+
 def test_what_is_no_plan_behind_a_fit_is_refused(results, tmp_path):
     plan = json.loads((results / "fit" / "next-drive" / "next_drive.json").read_text())
     said = {
