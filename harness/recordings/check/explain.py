@@ -19,7 +19,7 @@ from harness.models.signals import SIGNALS
 from harness.recordings.check.causes import EXCHANGED, SIGN, TIME, UNIT, RecordingFault, catalogue, times
 from harness.recordings.motion.consistency import applicable, crawls, tolerance
 from harness.recordings.motion.kinematics import local_polynomial
-from harness.recordings.motion.pair_fit import without
+from harness.recordings.motion.pair_fit import is_slow, slow, without
 from harness.recordings.motion.pose import tangent_plane
 from harness.recordings.motion.redundancy import Relation
 
@@ -325,7 +325,7 @@ def _misfit(relation: Relation, view: View) -> RelationMisfit:
     measured, computed = _without_arm(relation, view, *sides(relation, view))
     both = np.isfinite(measured) & np.isfinite(computed)
     spacing = view.spacing(relation.signal)
-    if both.sum() < 20:
+    if both.sum() < 20 or (relation.quasi_static and _too_quick(relation, measured, computed, spacing)):
         return RelationMisfit()
     independent = float(np.clip(both.sum() * spacing / _MEMORY, *_COUNTED))
     if relation.circular:
@@ -339,6 +339,14 @@ def _misfit(relation: Relation, view: View) -> RelationMisfit:
     likelihood = -independent / 2 * float(np.log(min((q + floor) / (1 + floor), 2.0)))
     penalised = max(likelihood - free, 0.0) if likelihood > 0 else likelihood * float(np.exp(-free))
     return RelationMisfit(q, penalised, at_best, free, _calm(relation, measured[both], computed[both]))
+
+
+def _too_quick(relation: Relation, measured: Floats, computed: Floats, step: float) -> bool:
+    """Return whether little is slow of either side, by which a relation of slow steering could be judged."""
+    if is_slow((measured, computed), step):
+        return False
+    passed = [slow(side, step) for side in (measured, computed)]
+    return not is_slow((passed[0], passed[1]), step) or _calm(relation, *(v[np.isfinite(v)] for v in passed))
 
 
 def _calm(relation: Relation, measured: Floats, computed: Floats) -> bool:

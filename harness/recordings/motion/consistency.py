@@ -27,6 +27,8 @@ from harness.recordings.motion.pair_fit import (
     Agreement,
     correlation_peak,
     fit_pair,
+    is_slow,
+    slow,
 )
 from harness.recordings.motion.redundancy import MOVING, RELATIONS, Relation
 
@@ -228,7 +230,8 @@ def compare(relation: Relation, smoothed: SmoothedSignals) -> Agreement:
                        arm_std=late.arm_std, signal_share=late.signal_share, calm="")  # fmt: skip
         if smoothed.may_drift(relation):
             best = replace(best, drift=late.drift, drift_std=late.drift_std)
-    return _judged(best)
+    judged = _judged(best)
+    return replace(empty, reasons=(_QUICK,)) if _is_quick(judged) else judged
 
 
 def _sides(relation: Relation, sources: Sources) -> tuple[Floats, Floats, Floats | None]:
@@ -237,6 +240,22 @@ def _sides(relation: Relation, sources: Sources) -> tuple[Floats, Floats, Floats
     computed = relation.compute(sources)
     arm = relation.arm(sources) if relation.arm is not None else None
     return measured, computed, arm if arm is not None and len(arm) == len(measured) else None
+
+
+_QUICK = "too quick: the relation holds for slow steering, and what is slow of both does not disagree"
+
+
+def _is_quick(fit: Agreement) -> bool:
+    """Return whether quick motion alone turns or scales one side against the other, as slip angles build up."""
+    if not (fit.relation.quasi_static and fit.off and fit.off <= {"sign", "scale"}):
+        return False
+    if is_slow((fit.measured, fit.computed), fit.step):
+        return False
+    sides = slow(fit.measured, fit.step), slow(fit.computed, fit.step)
+    if not is_slow(sides, fit.step) or _calm(fit.relation, *sides) is not None:
+        return True
+    passed = fit_pair(replace(fit, measured=sides[0], computed=sides[1]), None, WINDOWS[-1])
+    return passed is not None and _judged(passed).verdict == AGREES
 
 
 def _information(fit: Agreement, window: float) -> float:

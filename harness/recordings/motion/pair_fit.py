@@ -19,6 +19,8 @@ SPACING = 0.04
 """s between the samples of a smoothed signal that are used."""
 RELATED = 0.5
 """Least share of the variance that must be explained for slope and delay to be meaningful."""
+_SLOW = 0.3
+"""s; standard deviation of the Gaussian low-pass of which half the power passes at 0.44 Hz: slip angles follow."""
 _INFORMED = 4.0
 """Standard deviations by which the rates of both sides must be correlated more than two noises are by chance."""
 _DETERMINED = 2.0
@@ -223,6 +225,22 @@ class _Pair:
         values, residual = np.linalg.lstsq(design, late / spread, rcond=None)[:2]
         std = float(np.sqrt(np.linalg.inv(design.T @ design)[1, 1] * max(1.0, residual.sum())))
         return float(values[1]), std
+
+
+def slow(values: Floats, step: float) -> Floats:
+    """Return a signal behind a low-pass without delay, NaN where it is not known."""
+    there = np.isfinite(values)
+    mean = values[there].mean() if there.any() else 0.0
+    weight, passed = (
+        scipy.ndimage.gaussian_filter1d(v, _SLOW / step, mode="constant")
+        for v in (there.astype(float), np.where(there, values - mean, 0.0))
+    )
+    return np.where(there, mean + passed / np.maximum(weight, 1e-12), np.nan)
+
+
+def is_slow(sides: tuple[Floats, Floats], step: float) -> bool:
+    """Return whether the low-pass leaves half of the power of either side: a static relation may hold of these."""
+    return any(float(np.nanvar(slow(side, step))) >= 0.5 * float(np.nanvar(side)) for side in sides)
 
 
 def without(others: Floats, values: Floats) -> Floats:

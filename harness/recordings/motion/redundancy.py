@@ -74,6 +74,11 @@ class Relation:
         """All signals that take part."""
         return (self.signal, *self.needs)
 
+    @property
+    def quasi_static(self) -> bool:
+        """Whether it neglects how slip angles build up, so that it holds for slow motion alone."""
+        return not self.exact and not self.circular and self.lag >= _SIDESLIP_LAG
+
     @cached_property
     def highest(self) -> int:
         """The highest derivative of a signal that is compared."""
