@@ -36,6 +36,7 @@ class TraceGoal(SeparationGoal):
                 limits[name] = min(limit, limits.get(name, math.inf))
         super().__init__(trace)
         widened = SeparationGoal(trace, also=limits)
+        limits = {name: limit for name, limit in limits.items() if name in widened.model.names}
         self._weight, self._likeliest = weight, LikeliestModel(widened, limits)
         ranges = [LIMIT * widened.range_of(name) for name in limits]
         units = np.r_[np.ones(self._likeliest.own), np.minimum(list(limits.values()), ranges)]

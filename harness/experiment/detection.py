@@ -93,6 +93,7 @@ class DetectionGoal:
         if there := [p for p in self.limits if p in trace.rivals[0].values]:
             raise UserError(f"for: the likeliest model has '{there[0]}' already; it is no longer to be detected")
         self._set = SeparationGoal(trace, also=self.limits)
+        self._set.refuse_lacking(self.limits)
         self.model, self.versions = self._set.model, self._set.versions
         self._likeliest = LikeliestModel(self._set, self.limits)
         self.rows = range(self._likeliest.own, self._likeliest.own + len(self.limits))

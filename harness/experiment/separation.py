@@ -53,7 +53,7 @@ class SeparationGoal:
     Args:
         trace: What it left.
         jobs: Threads of one evaluation.
-        also: Parameters of the library that the model has besides those of the set.
+        also: Parameters of the library that the model has besides those of the set, where it has their signals.
     """
 
     criterion = "T"
@@ -69,10 +69,7 @@ class SeparationGoal:
         excluded = _not_needed(spec, moved)
         available = {*spec.model().inputs, *spec.model().outputs}
         self.model = AugmentedModel(spec, available, jobs, excluded)
-        if lost := sorted(moved - set(self.model.names)):
-            raise UserError(
-                f"without the signals that were recorded the model of the trace has no parameter '{lost[0]}'"
-            )
+        self.refuse_lacking(name for r in rivals for name in r.values)
         self.shares = np.array([r.share for r in rivals]) / sum(r.share for r in rivals)
         self._coordinates = [[self._coordinate(name, value) for name, value in r.values.items()] for r in rivals]
         self._precisions = [self._precision(*pair) for pair in zip(rivals, self._coordinates, strict=True)]
@@ -88,6 +85,17 @@ class SeparationGoal:
             UserError: If the noise of one is not known, or a model of the set is one of a sensor that is not there.
         """
         return SeparationGoal(replace(self.trace, spec=fitted_spec(Path(self.trace.spec.parameters), sensors)))
+
+    def refuse_lacking(self, names: Iterable[str]) -> None:
+        """Refuse parameters that the model has not.
+
+        Raises:
+            UserError: If there is one, with its name.
+        """
+        if lost := sorted(set(names) - set(self.model.names)):
+            raise UserError(
+                f"without the signals that were recorded the model of the trace has no parameter '{lost[0]}'"
+            )
 
     def _filter(self, rival: RivalModel, coordinates: Sequence[Coordinate]) -> RivalFilter:
         """Return the filter of a model at each level of its noise, with what the drives so far say there."""

@@ -21,6 +21,7 @@ LIMITS = {
     "steering_delay": {"steering_delay": 0.05},
     "brake_pull": {"brake_pull": 0.05},
     "sensor_drift@yaw_rate": {"sensor_drift_yaw_rate": math.inf},
+    "forced_steering@21": {"forced_steering_21": 0.01},  # of a signal that a planned drive has not
 }
 
 
