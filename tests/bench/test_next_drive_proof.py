@@ -89,10 +89,12 @@ def case(folder, behind, seconds=40.0, expected=0.9, before=None, true=("steerin
         own = folder / arm.replace(" ", "-")
         own.mkdir(parents=True)
         (own / "trace.json").write_text(json.dumps(trace))
+    likeliest = sorted(before["confusable"]["models"], key=lambda m: -m["share"])[:2]
+    models = {str(n): {"share": m["share"], "added": [a[0] for a in m["added"]]} for n, m in enumerate(likeliest)}
     arms = {
         arm: {
             "seconds": seconds * (2 if arm.endswith("twice") else 1),
-            "expected": {"probability": expected, "models": {"a": {}, "b": {}}},
+            "expected": {"probability": expected, "models": models},
         }
         for arm in ARMS
     }

@@ -312,7 +312,7 @@ def test_of_two_that_say_the_same_the_likelier_stands_for_both_unless_their_fits
     assert backlash.hypothesis in selection_round.fits  # acts alike, and these drives tell it apart
 
 
-def test_a_name_is_likelier_whose_places_do_not_share_its_odds_and_then_one_of_fewer_values(monkeypatch):
+def test_a_name_is_likelier_whose_places_do_not_share_its_odds_and_then_one_of_fewer_values():
     everywhere, front, steering = (
         SimpleNamespace(hypothesis=Hypothesis(name, "effect", amplitudes), freedom=len(amplitudes))
         for name, amplitudes in (
@@ -322,10 +322,8 @@ def test_a_name_is_likelier_whose_places_do_not_share_its_odds_and_then_one_of_f
         )
     )
     scores = [everywhere, front, steering]
-    monkeypatch.setattr(
-        "harness.diagnosis.selection.selection_round.hypotheses", lambda *_: [s.hypothesis for s in scores]
-    )
-    belief = SelectionRound(SimpleNamespace(augmented=None, free=()), (), [], 1).belief
+    tried = [s.hypothesis for s in scores]
+    belief = SelectionRound(SimpleNamespace(augmented=None, free=(), hypotheses=tried), (), [], 1).belief
     assert sorted(scores, key=belief) == scores
 
 
@@ -338,13 +336,11 @@ def test_what_says_the_same_and_is_likelier_beforehand_is_fitted_though_nothing_
     ]
     shift, cog, _ = scores
     effects = [Hypothesis(n, "effect", (n,)) for n in ("wind", "lag", "bank")]  # three more to share the odds
-    monkeypatch.setattr(
-        "harness.diagnosis.selection.selection_round.hypotheses",
-        lambda *_: [*(s.hypothesis for s in scores), *effects],
-    )
+    tried = [*(s.hypothesis for s in scores), *effects]
     before = Judgement(0.0, np.zeros(1), np.array([10.0]), (), None)
     monkeypatch.setattr(SelectionRound, "before", before)
-    selection_round = SelectionRound(SimpleNamespace(augmented=None, free=()), (), [], 1)
+    fits = SimpleNamespace(augmented=None, free=(), hypotheses=tried)
+    selection_round = SelectionRound(fits, (), [], 1)
     selection_round.promised, selection_round.fits = scores, {shift.hypothesis: None}
 
     def names(winner, error, bic=900.0):
