@@ -66,11 +66,11 @@ def steered_drive(recording: xr.Dataset) -> SteeredDrive | None:
     if not np.isfinite(angle).any() or np.nanmax(np.abs(angle)) == 0.0:
         return None
     steered = np.flatnonzero(np.abs(angle) > _STILL * np.nanmax(np.abs(angle)))
-    of = slice(steered[0], steered[-1] + 1)
-    size = float(np.sqrt(np.nanmean(angle[of] ** 2)))
-    rate = np.diff(angle[of]) / _BLOCK
+    active = slice(steered[0], steered[-1] + 1)
+    size = float(np.sqrt(np.nanmean(angle[active] ** 2)))
+    rate = np.diff(angle[active]) / _BLOCK
     quickness = float(np.sqrt(np.nanmean(rate**2))) / size if len(rate) else 0.0
-    return SteeredDrive(_BLOCK * (steered[-1] + 1 - steered[0]), float(np.nanmean(speed[of])), size, quickness)
+    return SteeredDrive(_BLOCK * (steered[-1] + 1 - steered[0]), float(np.nanmean(speed[active])), size, quickness)
 
 
 def _averaged(values: Floats, place: np.ndarray) -> Floats:
