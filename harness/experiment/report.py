@@ -127,7 +127,8 @@ def _for_driver(designed: Designed) -> list[Block]:
     notes = [
         "Leave straight, or brake: the road reaches 1 s straight on behind the end. Its limits are those of the "
         "paths of centres of gravity; the vehicle needs its own width and length beside them.",
-        f"Record {signals} at {rate:g} Hz or more, each drive as a file of its own, from before the entry to the end.",
+        f"Record {signals} at {rate:g} Hz, each drive as a file of its own, from before the entry to the end; what has "
+        "another rate a channel map brings to that ([recording] step).",
         *(
             ["Drive each as often to fit as to judge: harness trace --train and --test."]
             if designed.goal.turns > 1
