@@ -27,11 +27,12 @@ from threadpoolctl import threadpool_limits
 from bench.attribution.gate import drawn
 from bench.attribution.run import NOMINAL, PLANT, Case, listed, task_of
 from bench.attribution.score import FAILED
-from bench.next_drive_score import ARMS, FIRST, PLANNED, figure, models_left, page, scored_cases, standing, table
+from bench.next_drive_score import ARMS, FIRST, PLANNED, figure, page, scored_cases, standing, table
 from harness.common.arguments import Parser
 from harness.common.errors import ModelError, UserError
 from harness.common.files import json_text, write_files
 from harness.config import DriveSpec, single_drive
+from harness.diagnosis.earlier_trace import models_left
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.run import augmented_model_of, run_trace
 from harness.experiment.contract import total

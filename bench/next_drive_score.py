@@ -23,6 +23,7 @@ from bench.attribution.score import FAILED
 from bench.attribution.tables import share
 from harness.common.arrays import Floats
 from harness.common.files import renewed, write_files
+from harness.diagnosis.earlier_trace import models_left
 from harness.models.assembly.placement import split
 from harness.reporting import style
 
@@ -178,12 +179,6 @@ def scored_cases(out: Path) -> Scored:
 def _is_alone(file: Path) -> bool:
     traced = json.loads(file.read_text(encoding="utf-8"))
     return standing(traced, file.parents[2].name.endswith("field")) is None and models_left(traced) < 2
-
-
-def models_left(traced: Mapping[str, Any]) -> int:
-    """Return the number of models in the confusable set of a trace, of what is alike each one."""
-    models = (traced["confusable"] or {"models": ()})["models"]
-    return len(models) + sum(len(m.get("alike", ())) for m in models)
 
 
 def _case(folder: Path) -> Open | None:

@@ -298,7 +298,8 @@ def trace(task: TraceOptions) -> None:
     With --after the drives that were planned behind an earlier trace are traced together with its own.
     """
     from harness.api.diagnosis import Diagnosis
-    from harness.diagnosis.earlier_trace import several_models
+    from harness.diagnosis.earlier_trace import TRACE, models_left
+    from harness.identification.earlier_result import read_json
 
     if (of_file := task.of_file("trace")) is not None:
         _trace_file(*of_file, task.jobs)
@@ -314,7 +315,7 @@ def trace(task: TraceOptions) -> None:
         written = diagnosis.report(out, command())
     printed(diagnosis.answer_, written)
     _next(written)
-    if several_models(out):
+    if models_left(read_json(out / TRACE)) > 1:
         Console().print(Text(f"next: harness next-drive {out}"), style="bold", soft_wrap=True)
 
 

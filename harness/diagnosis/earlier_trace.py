@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 from harness.common.errors import UserError
 from harness.diagnosis.selection.earlier_models import EarlierModel, finite
-from harness.identification.earlier_result import EarlierResult, read_json
+from harness.identification.earlier_result import EarlierResult
 
 TRACE = "trace.json"
 
 
-def several_models(folder: Path) -> bool:
-    """Whether a trace left several models, of a vehicle behind which drives are planned."""
-    content = read_json(folder / TRACE)
-    return not content.get("baseline") and len((content.get("confusable") or {}).get("models", ())) > 1
+def models_left(content: Mapping[str, Any]) -> int:
+    """Return how many models ``trace.json`` leaves to be told apart, of what is alike each one."""
+    models = (content.get("confusable") or {}).get("models", ())
+    return len(models) + sum(len(m.get("alike", ())) for m in models)
 
 
 class EarlierTrace(EarlierResult):
@@ -40,7 +41,7 @@ class EarlierTrace(EarlierResult):
             raise UserError(f"{earlier.folder / TRACE}: an earlier version wrote it; trace and plan again")
         if earlier.content.get("baseline"):
             raise UserError(
-                f"{earlier.folder}: is a trace of changes since a baseline, behind which no drives are planned"
+                f"{earlier.folder}: is a trace of changes since a baseline; trace all its drives again, without --after"
             )
         return earlier
 

@@ -15,11 +15,12 @@ from harness.common.errors import UserError
 from harness.common.files import json_text, read_text, toml_text
 from harness.common.places import inside, remove
 from harness.config import DriveSpec
+from harness.diagnosis.earlier_trace import TRACE
 from harness.experiment.contract import ExpectedOutcome
 from harness.experiment.design import TriedDrive
 from harness.experiment.limits import stated
 from harness.experiment.run import Designed
-from harness.identification.earlier_result import FOLDER, PLAN
+from harness.identification.earlier_result import FOLDER, PLAN, read_json
 
 RESULT, DRIVES = PLAN, "next_drive.toml"
 
@@ -144,10 +145,15 @@ def written_to(designed: Designed, folder: Path) -> list[str]:
 
 
 def once_driven(designed: Designed, folder: Path) -> str:
-    """Return the command that goes on from the drives in a folder; empty where none does, as of a study."""
+    """Return the command that goes on from the drives in a folder; empty where none does, as of a study.
+
+    Behind a trace of changes since a baseline all drives are traced again, with that.
+    """
     after = designed.task.folder if folder == designed.task.folder / FOLDER else folder
     expected = designed.goal.expectation(designed.plan.evidence).record
     if "models" in expected:
+        if read_json(designed.task.folder / TRACE).get("baseline"):
+            return ""
         return shlex.join(["harness", "trace", "--after", str(after), "--train", "RECORDING", "--test", "RECORDING"])
     if "parameters" in expected:
         return shlex.join(["harness", "identify", "--after", str(after), "--train", "RECORDING"])

@@ -73,13 +73,17 @@ def test_drives_are_planned_written_and_taken(fit, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("record", "line"),
+    ("record", "baseline", "line"),
     [
-        ({"models": {}}, "harness trace --after results/truck --train RECORDING --test RECORDING"),
-        ({"limits": {}}, ""),  # which --after does not take
+        ({"models": {}}, None, "harness trace --after results/truck --train RECORDING --test RECORDING"),
+        ({"models": {}}, {"drives": ["monday"]}, ""),  # neither of these does --after take
+        ({"limits": {}}, None, ""),
     ],
 )
-def test_how_a_trace_goes_on_from_the_drives_is_said(record, line):
+def test_how_a_trace_goes_on_from_the_drives_is_said(record, baseline, line, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("results/truck").mkdir(parents=True)
+    Path("results/truck/trace.json").write_text(json.dumps({"baseline": baseline}))
     goal = SimpleNamespace(expectation=lambda _: SimpleNamespace(record=record))
     task, plan = SimpleNamespace(folder=Path("results/truck")), SimpleNamespace(evidence=None)
     designed = SimpleNamespace(goal=goal, task=task, plan=plan)

@@ -13,7 +13,7 @@ from harness.cli.main import app
 from harness.common.errors import UserError
 from harness.common.statistics import Interval
 from harness.diagnosis.criteria import HORIZONS
-from harness.diagnosis.earlier_trace import EarlierTrace, several_models
+from harness.diagnosis.earlier_trace import EarlierTrace, models_left
 from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.result.expectation import expectation_met, record_of_expectation
 from harness.diagnosis.run import _driven_otherwise
@@ -282,8 +282,8 @@ def test_estimators_and_judging_drives_are_those_of_the_earlier_trace(earlier, t
         h.Diagnosis().fit(None, [new], [], earlier, after=earlier)
 
 
-def test_drives_are_proposed_where_several_models_are_left(earlier):
-    assert several_models(earlier)
-    for changed in ({"confusable": {"models": [{"added": []}]}}, {"baseline": {"drives": []}}, {"confusable": None}):
-        (earlier / "trace.json").write_text(json.dumps({**EARLIER, **changed}))
-        assert not several_models(earlier)
+def test_what_is_alike_in_a_model_is_left_to_be_told_apart():
+    assert models_left(EARLIER) == 3
+    alike = {"added": [], "alike": [{"name": "steering_delay"}]}
+    assert models_left({"confusable": {"models": [alike]}}) == 2
+    assert models_left({"confusable": None}) == 0

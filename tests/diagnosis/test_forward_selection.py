@@ -12,6 +12,27 @@ LAG, GAIN, BANK, ROLL = (Hypothesis(n, "effect", (n,)) for n in ("lag", "gain", 
 FIT = SimpleNamespace(point="point")
 
 
+def rounds_that_add(passes, seen):
+    """Return rounds that add what ``passes`` has for a model, and note the models that they began with."""
+
+    def one_round(self, added, best, number):
+        seen.append(added)
+        h = passes.get(added)
+        found = SimpleNamespace(hypothesis=h, fitted=FIT) if h else None
+        return SimpleNamespace(best=FIT, without=[FIT]), [SimpleNamespace(added=found)]
+
+    return one_round
+
+
+def fits_of_all():
+    """Return fits that are all the same, of models that leave something."""
+    judged = SimpleNamespace(normalised_excess_mse=1.0)
+    return SimpleNamespace(
+        say=lambda _: None, fit=lambda *_: FIT, judge=lambda *_: judged, free=(), held_out=None,
+        fitting=SimpleNamespace(first=lambda: None), refuted=set(), joined=lambda added, h: (*added, h),
+    )  # fmt: skip
+
+
 @pytest.mark.parametrize(
     ("instead", "after", "final", "asked"),
     [
@@ -31,19 +52,9 @@ FIT = SimpleNamespace(point="point")
 def test_rounds_go_on_where_something_took_the_place_of_an_addition(monkeypatch, instead, after, final, asked):
     passes, seen = {(): LAG, **after}, []
 
-    def one_round(self, added, best, number):
-        seen.append(added)
-        h = passes.get(added)
-        found = SimpleNamespace(hypothesis=h, fitted=FIT) if h else None
-        return SimpleNamespace(best=FIT, without=[FIT]), [SimpleNamespace(added=found)]
-
-    monkeypatch.setattr(search._ForwardSelection, "_round", one_round)
+    monkeypatch.setattr(search._ForwardSelection, "_round", rounds_that_add(passes, seen))
     monkeypatch.setattr(search, "likeliest", lambda fits, rounds, added, best: (instead.get(added, added), best, None))
-    judged = SimpleNamespace(normalised_excess_mse=1.0)
-    fits = SimpleNamespace(
-        say=lambda _: None, fit=lambda *_: FIT, judge=lambda *_: judged, free=(), held_out=None,
-        fitting=SimpleNamespace(first=lambda: None), refuted=set(), joined=lambda added, h: (*added, h),
-    )  # fmt: skip
+    fits = fits_of_all()
     found = search._ForwardSelection(fits, 8, RAISED).run()
     assert found.added == final
     assert seen == asked
@@ -61,15 +72,9 @@ def test_rounds_go_on_where_something_took_the_place_of_an_addition(monkeypatch,
 def test_a_search_goes_on_from_the_likeliest_model_of_an_earlier_trace(monkeypatch, better, final, asked):
     passes, seen = {(): LAG, (GAIN,): BANK}, []
 
-    def one_round(self, added, best, number):
-        seen.append(added)
-        h = passes.get(added)
-        found = SimpleNamespace(hypothesis=h, fitted=FIT) if h else None
-        return SimpleNamespace(best=FIT, without=[FIT]), [SimpleNamespace(added=found)]
-
     known = [((ROLL,), FIT), ((GAIN,) if better else (LAG,), FIT)]
     likely = {(GAIN,), better, (LAG,)} if better != (LAG,) else {(GAIN,), (LAG,)}
-    monkeypatch.setattr(search._ForwardSelection, "_round", one_round)
+    monkeypatch.setattr(search._ForwardSelection, "_round", rounds_that_add(passes, seen))
     monkeypatch.setattr(search, "likeliest", lambda fits, rounds, added, best: (added, best, len(seen)))
     monkeypatch.setattr(search, "fit_earlier", lambda fits, earlier, nominal: known)
 
@@ -77,11 +82,7 @@ def test_a_search_goes_on_from_the_likeliest_model_of_an_earlier_trace(monkeypat
         return max((m for m in models if m[0] in likely), key=lambda m: (m[0] == better, m[0] == (GAIN,)))
 
     monkeypatch.setattr(search, "Comparison", lambda fits, rounds: SimpleNamespace(likeliest=likeliest))
-    judged = SimpleNamespace(normalised_excess_mse=1.0)
-    fits = SimpleNamespace(
-        say=lambda _: None, fit=lambda *_: FIT, judge=lambda *_: judged, free=(), held_out=None,
-        fitting=SimpleNamespace(first=lambda: None), refuted=set(), joined=lambda added, h: (*added, h),
-    )  # fmt: skip
+    fits = fits_of_all()
     found = search._ForwardSelection(fits, 8, RAISED).run()
     assert (found.added, seen) == (final, asked)
     assert found.posterior == len(asked)  # of all that was fitted

@@ -9,11 +9,9 @@ import pytest
 from harness.config import resolve_single
 from harness.experiment.compound import TraceGoal
 from harness.experiment.contract import total
-from harness.experiment.limits import Limits
-from harness.experiment.manoeuvres import SearchRange, chosen
 from harness.experiment.open_trace import AtLevel, DrivesSoFar, OpenTrace, RivalModel
-from harness.experiment.rehearsal import Rehearsal
 from harness.experiment.separation import SeparationGoal
+from support.rehearsed import evidence_of
 
 CAR = {"vehicle": "car", "parameters": "blanco_2021", "tyre": "linear", "sensors": "car_series", "integrator": "rk4"}
 FREE = ("stiffness_peak_front", "stiffness_peak_rear")
@@ -44,14 +42,7 @@ def goal(trace):
 
 
 def evidence(goal, name, point):
-    limits = Limits(lateral_acceleration=4.0)
-    spec = goal.model.spec
-    (manoeuvre,) = chosen([name])
-    drive = Rehearsal(goal.model, spec, goal.versions, goal.recorded, limits).of(
-        manoeuvre.drive(np.array(point), SearchRange.of(spec, limits, goal.shortest, goal.lead_in), name)
-    )
-    assert not isinstance(drive, str), drive
-    return total([(goal.evidence(drive), 2)])
+    return total([(evidence_of(goal, name, point), 2)])
 
 
 def test_its_weight_leads_from_d_to_t_optimality(trace, goal):

@@ -9,10 +9,8 @@ from harness.common.errors import UserError
 from harness.config import resolve_single
 from harness.experiment.contract import total
 from harness.experiment.detection import DetectionGoal
-from harness.experiment.limits import Limits
-from harness.experiment.manoeuvres import SearchRange, chosen
 from harness.experiment.open_trace import AtLevel, DrivesSoFar, OpenTrace, RivalModel
-from harness.experiment.rehearsal import Rehearsal
+from support.rehearsed import evidence_of
 
 CAR = {"vehicle": "car", "parameters": "blanco_2021", "tyre": "linear", "sensors": "car_series", "integrator": "rk4"}
 FREE = ("stiffness_peak_front", "stiffness_peak_rear")
@@ -39,16 +37,6 @@ def goal(trace):
     return DetectionGoal(trace, ["steering_lag"])
 
 
-def evidence(goal, name, point, largest=4.0):
-    limits = Limits(lateral_acceleration=largest)
-    spec = goal.model.spec
-    (manoeuvre,) = chosen([name])
-    room = SearchRange.of(spec, limits, goal.shortest, goal.lead_in)
-    drive = Rehearsal(goal.model, spec, goal.versions, 1, limits).of(manoeuvre.drive(np.array(point), room, name))
-    assert not isinstance(drive, str), drive
-    return goal.evidence(drive)
-
-
 def test_before_any_drive_the_limit_is_that_of_the_trace(goal):
     assert math.exp(goal.value(None)) == pytest.approx(0.2)
     assert math.isinf(goal.__class__(goal.trace, ["mass"]).value(None))
@@ -62,7 +50,7 @@ def test_half_of_the_drives_are_fitted_and_information_adds_up(goal):
 
 
 def test_a_sweep_lowers_the_limit_of_a_lag_and_a_ramp_does_not(goal):
-    sweep, ramp = (total([(evidence(goal, *d), 2)]) for d in (("sweep", [0.3, 0.3, 0.3, 0.5]), ("ramp", [0.3, 0.3])))
+    sweep, ramp = (total([(evidence_of(goal, *d), 2)]) for d in (("sweep", [0.3, 0.3, 0.3, 0.5]), ("ramp", [0.3, 0.3])))
     assert goal.value(sweep) < goal.value(ramp) < goal.value(None)
     limits = goal.expectation(sweep).record["limits"]["steering_lag"]
     assert limits["before"] == pytest.approx(0.2)
@@ -71,7 +59,7 @@ def test_a_sweep_lowers_the_limit_of_a_lag_and_a_ramp_does_not(goal):
 
 
 def test_a_calm_drive_tells_nothing(goal):
-    lively, calm = (evidence(goal, "weave", [0.3, 0.3, 0.3], largest)[0] for largest in (4.0, 0.5))
+    lively, calm = (evidence_of(goal, "weave", [0.3, 0.3, 0.3], largest)[0] for largest in (4.0, 0.5))
     assert lively.any()
     assert not calm.any()
 

@@ -13,12 +13,11 @@ from harness.config.parameter_set import set_text
 from harness.experiment.contract import total
 from harness.experiment.files import contents
 from harness.experiment.limits import Limits
-from harness.experiment.manoeuvres import SearchRange, chosen
 from harness.experiment.open_trace import AtLevel, DrivesSoFar, OpenTrace, RivalModel, read_trace
-from harness.experiment.rehearsal import Rehearsal
 from harness.experiment.rival_filter import Parabolas
 from harness.experiment.run import DesignTask, design_drives
 from harness.experiment.separation import SeparationGoal
+from support.rehearsed import evidence_of
 
 CAR = {"vehicle": "car", "parameters": "blanco_2021", "tyre": "linear", "sensors": "car_series", "integrator": "rk4"}
 FREE = ("stiffness_peak_front", "stiffness_peak_rear")
@@ -78,19 +77,8 @@ def goal():
     return SeparationGoal(opened())
 
 
-def evidence(goal, name, point):
-    limits = Limits(lateral_acceleration=4.0)
-    spec = goal.model.spec
-    (manoeuvre,) = chosen([name])
-    drive = Rehearsal(goal.model, spec, goal.versions, goal.recorded, limits).of(
-        manoeuvre.drive(np.array(point), SearchRange.of(spec, limits, goal.shortest, goal.lead_in), name)
-    )
-    assert not isinstance(drive, str), drive
-    return goal.evidence(drive)
-
-
 def test_a_step_tells_a_lag_from_inertia_and_a_ramp_does_not(goal):
-    step, ramp = evidence(goal, "step", [0.5, 0.5, 0.2]), evidence(goal, "ramp", [0.5, 0.5])
+    step, ramp = evidence_of(goal, "step", [0.5, 0.5, 0.2]), evidence_of(goal, "ramp", [0.5, 0.5])
     assert goal.value(None) > goal.value(ramp) > goal.value(step)
     before, after = goal.posterior(None), goal.posterior(step)
     np.testing.assert_allclose(before[0], goal.shares)
@@ -102,7 +90,7 @@ def test_a_step_tells_a_lag_from_inertia_and_a_ramp_does_not(goal):
 
 def test_a_rival_takes_up_misfit_by_larger_variances_as_far_as_the_drives_so_far_allow_it(goal):
     held, dear, free = (
-        goal.distances(evidence(goal, "step", [0.5, 0.5, 0.2]))[0]
+        goal.distances(evidence_of(goal, "step", [0.5, 0.5, 0.2]))[0]
         for goal in (goal, SeparationGoal(opened((0.0, 1e6))), SeparationGoal(opened((0.0, 1.0))))
     )
     np.testing.assert_allclose(dear, held)
@@ -112,7 +100,7 @@ def test_a_rival_takes_up_misfit_by_larger_variances_as_far_as_the_drives_so_far
 
 
 def test_a_model_that_holds_the_right_one_is_told_from_it_only_by_the_drives_so_far(goal):
-    distance, _ = goal.distances(total([(evidence(goal, "step", [0.5, 0.5, 0.2]), 100)]))
+    distance, _ = goal.distances(total([(evidence_of(goal, "step", [0.5, 0.5, 0.2]), 100)]))
     assert distance[2, 0] <= (1.0 / 0.3) ** 2 + 1e-6  # a lag of nothing is that many standard errors off
     assert distance[0, 2] > 100.0
     assert math.isinf(goal._emulations[0, 1])
@@ -123,13 +111,13 @@ def test_fewer_sensors_tell_less_of_the_same_drive(goal, tmp_path):
     (tmp_path / "nominal.toml").write_text(set_text(goal.model.spec, "test", {}))
     fewer = replace(goal.model.spec, parameters=str(tmp_path / "nominal.toml"))
     fewer = SeparationGoal(replace(goal.trace, spec=fewer)).measured_by("yaw_rate")
-    less, more = (g.distances(evidence(g, "step", drive))[0] for g in (fewer, goal))
+    less, more = (g.distances(evidence_of(g, "step", drive))[0] for g in (fewer, goal))
     assert tuple(fewer.model.spec.model().outputs) == ("yaw_rate",)
     assert 0.0 < less[0, 1] < more[0, 1]
 
 
 def test_what_stays_open_is_said(goal):
-    expectation = goal.expectation(evidence(goal, "ramp", [0.0, 0.0]))
+    expectation = goal.expectation(evidence_of(goal, "ramp", [0.0, 0.0]))
     assert any("inertia" in text and "confusable" in text for text in expectation.open)
     assert any("none of these" in text for text in expectation.open)
     assert expectation.record["models"]["lag"]["share"] == pytest.approx(0.5)

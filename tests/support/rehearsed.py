@@ -1,0 +1,19 @@
+"""What a planned drive tells, for tests of what drives are planned for."""
+
+import numpy as np
+
+from harness.experiment.contract import Evidence, Goal
+from harness.experiment.limits import Limits
+from harness.experiment.manoeuvres import SearchRange, chosen
+from harness.experiment.rehearsal import Rehearsal
+
+
+def evidence_of(goal: Goal, name: str, point: list[float], largest: float = 4.0) -> Evidence:
+    """Return what a manoeuvre at a point of its unit cube tells, within a lateral acceleration in m/s^2."""
+    limits, spec = Limits(lateral_acceleration=largest), goal.model.spec
+    (manoeuvre,) = chosen([name])
+    room = SearchRange.of(spec, limits, goal.shortest, goal.lead_in)
+    rehearsal = Rehearsal(goal.model, spec, goal.versions, goal.recorded, limits)
+    drive = rehearsal.of(manoeuvre.drive(np.array(point), room, name))
+    assert not isinstance(drive, str), drive
+    return goal.evidence(drive)
