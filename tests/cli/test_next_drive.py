@@ -83,7 +83,7 @@ def test_drives_are_planned_written_and_taken(fit, tmp_path):
 def test_how_a_trace_goes_on_from_the_drives_is_said(record, baseline, line, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("results/truck").mkdir(parents=True)
-    Path("results/truck/trace.json").write_text(json.dumps({"baseline": baseline}))
+    Path("results/truck/trace.json").write_text(json.dumps({"baseline": baseline}), encoding="utf-8")
     goal = SimpleNamespace(expectation=lambda _: SimpleNamespace(record=record))
     task, plan = SimpleNamespace(folder=Path("results/truck")), SimpleNamespace(evidence=None)
     designed = SimpleNamespace(goal=goal, task=task, plan=plan)
