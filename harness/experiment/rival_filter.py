@@ -11,10 +11,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from harness.common.arrays import Floats, Mask
+from harness.common.arrays import Floats
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.identification.coordinates import Coordinate
 from harness.identification.data import DriveData
@@ -25,7 +26,13 @@ LOST = 1e4
 """Squares of a filter that diverges over what the right model leaves."""
 
 _REFITS = 2
-"""Gauss-Newton steps of the parameters on each drive, behind which the parabola is taken."""
+"""Gauss-Newton steps of the parameters on each drive at most, behind which the parabola is taken."""
+
+_ENOUGH = 0.01
+"""Share of what is left, or of a squared deviation, that a step has to promise."""
+
+_RENEWED = 0.1
+"""The same by which a step has to miss what it promised for the derivatives to be taken anew behind it."""
 
 _FARTHEST = 1.0
 """Longest of these steps from the fit, in the coordinates: a factor of e."""
@@ -66,11 +73,51 @@ class Parabolas:
         """Return its value."""
         return float(self.squares[level] + 2.0 * self.slope[level] @ z + z @ self.information[level] @ z)
 
-    def best(self) -> tuple[int, Floats]:
-        """Return the level at which it is least, and where."""
-        places = [self.least(k) for k in range(len(self.squares))]
-        level = int(np.argmin([self.at(k, z) for k, z in enumerate(places)]))
-        return level, places[level]
+    def floors(self) -> Floats:
+        """Return its least value at each level ``(levels,)``."""
+        return np.array([self.at(k, self.least(k)) for k in range(len(self.squares))])
+
+    def best(self, floors: Floats | None = None) -> tuple[int, Floats]:
+        """Return the level at which it is least, and where.
+
+        Args:
+            floors: What it is not below at each level; levels that these rule out are not looked at.
+        """
+        floors = np.full(len(self.squares), -math.inf) if floors is None else floors
+        best, level, place = math.inf, 0, self.slope[0]
+        for k in np.argsort(floors, kind="stable"):
+            if floors[k] >= best:
+                break
+            z = self.least(k)
+            if (value := self.at(k, z)) < best:
+                best, level, place = value, int(k), z
+        return level, place
+
+
+@dataclass(frozen=True)
+class _Linearised:
+    """A filter over a recording, linearised in its coordinates.
+
+    Attributes:
+        z: Where it was run ``(n,)``.
+        whitened: Innovations there, sample by sample ``(samples ny,)``.
+        tangents: Their derivatives, there or near it ``(samples ny, n)``.
+    """
+
+    z: Floats
+    whitened: Floats
+    tangents: Floats
+
+    @cached_property
+    def whole(self) -> _Parts:
+        """The parabola of all squares."""
+        return self.parabola(0)
+
+    def parabola(self, begin: int) -> _Parts:
+        """Return the parabola of the squares from a row on."""
+        tangents = self.tangents[begin:]
+        residual = self.whitened[begin:] - tangents @ self.z
+        return float(residual @ residual), tangents.T @ residual, tangents.T @ tangents
 
 
 @dataclass(frozen=True)
@@ -95,54 +142,60 @@ class RivalFilter:
         """
         return self.so_far.squares - self.so_far.squares.min()
 
-    @property
-    def cheapest(self) -> float:
-        """Least value over the drives so far."""
-        return self.so_far.at(*self.so_far.best())
+    @cached_property
+    def floors(self) -> Floats:
+        """Least value over the drives so far at each level ``(levels,)``."""
+        return self.so_far.floors()
 
     @property
     def values(self) -> Floats:
         """All parameters as fitted ``(np,)``."""
         return self.points[0].values[:, 0]
 
-    def over(
-        self, model: AugmentedModel, data: DriveData, begin: float = 0.0, refitted: bool = True
-    ) -> tuple[Parabolas, Parabolas]:
+    def over(self, model: AugmentedModel, data: DriveData, begin: float = 0.0) -> tuple[Parabolas, Parabolas, Floats]:
         """Return the squared whitened innovations over what another model leaves without noise.
 
         They are those of linearisations where the parameters have taken up what they can: of the whole drive, and of
-        what counts where it judges.
+        what counts where it judges. Behind them is the information of both as fitted, at the cheapest level
+        ``(2, n, n)``.
 
         Args:
             model: The filter of both.
             data: What is left.
             begin: s from which on it judges.
-            refitted: Whether they take up anything: not where it is the model itself.
         """
-        judges = data.time >= begin
         cheap = [int(k) for k in np.argsort(self.cost, kind="stable")]
-        parts: dict[int, tuple[_Parts, _Parts]] = {}
+        runs: dict[int, _Linearised] = {}
         least = math.inf
-        for k in cheap if refitted else cheap[:1]:
+        for k in cheap:
             if self.cost[k] > _NEAR * least:  # by more noise it would lose more than it has to take up
                 break
-            parts[k] = self._linearised(model, data, judges, k)
-            least = min(least, self._reached(k, parts[k][0])[0])
-        for _ in range(_REFITS if refitted else 0):
-            reached = {k: self._reached(k, whole) for k, (whole, _) in parts.items()}
+            runs[k] = self._linearised(model, data, k, np.zeros(len(self.coordinates)))
+            least = min(least, self._reached(k, runs[k].whole)[0])
+        as_fitted = runs[cheap[0]]
+        for _ in range(_REFITS):
+            reached = {k: self._reached(k, run.whole) for k, run in runs.items()}
             least = min(value for value, _ in reached.values())
             for k, (value, z) in reached.items():
-                if value <= _NEAR * least + 1.0:
-                    parts[k] = self._linearised(model, data, judges, k, z)
-        first = parts[cheap[0]]  # of levels that are too dear: what it is with less noise
-        each = [parts.get(k, first) for k in range(len(self.points))]
-        return _together([whole for whole, _ in each]), _together([judged for _, judged in each])
+                promised = self._left(k, runs[k].whole, runs[k].z) - value
+                if value <= _NEAR * least + 1.0 and promised > _ENOUGH * (value + 1.0):
+                    runs[k] = self._linearised(model, data, k, z, runs[k], value)
+        first_row = int(np.searchsorted(data.time, begin)) * data.measurements.shape[1]
+        judged = {k: run.parabola(first_row) for k, run in runs.items()}
+        levels = [k if k in runs else cheap[0] for k in range(len(self.points))]  # too dear: as with less noise
+        own = np.array([as_fitted.whole[2], as_fitted.parabola(first_row)[2]])
+        return _together([runs[k].whole for k in levels]), _together([judged[k] for k in levels]), own
 
     def _reached(self, level: int, parts: _Parts) -> tuple[float, Floats]:
         """Return what is left at a level, of the drives so far and of one more, and where its parameters are then."""
         slope, information = self.so_far.slope[level] + parts[1], self.so_far.information[level] + parts[2]
         z = self._within(-covariance_of(information, dropped=True).matrix @ slope)
-        return self.cost[level] + parts[0] + float(2.0 * slope @ z + z @ information @ z), z
+        return self._left(level, parts, z), z
+
+    def _left(self, level: int, parts: _Parts, z: Floats) -> float:
+        """Return what is left at a level with the parameters at ``z``."""
+        slope, information = self.so_far.slope[level] + parts[1], self.so_far.information[level] + parts[2]
+        return float(self.cost[level] + parts[0] + 2.0 * slope @ z + z @ information @ z)
 
     def _within(self, z: Floats) -> Floats:
         """Return a step that leads neither too far nor out of the bounds."""
@@ -151,28 +204,35 @@ class RivalFilter:
                          for c, d in zip(self.coordinates, clipped, strict=True)])  # fmt: skip
 
     def _linearised(
-        self, model: AugmentedModel, data: DriveData, judges: Mask, level: int, z: Floats | None = None
-    ) -> tuple[_Parts, _Parts]:
-        """Return the parabolas of a linearisation at ``z``, of the fit by default; lost where the filter diverges."""
-        n, values = len(self.coordinates), self.values.copy()
-        z = np.zeros(n) if z is None else z
+        self,
+        model: AugmentedModel,
+        data: DriveData,
+        level: int,
+        z: Floats,
+        before: _Linearised | None = None,
+        promised: float = math.inf,
+    ) -> _Linearised:
+        """Return a linearisation at ``z``, with the derivatives of ``before`` where these led to what they promised.
+
+        Where the filter diverges it is lost.
+        """
+        values = self.values.copy()
         for c, d in zip(self.coordinates, z, strict=True):
             values[c.rows[0]] = c.value(c.centre + d)
         point = replace(self.points[level], values=values[:, None])
         run = model.run(data, point)
+        whitened = np.nan_to_num(run.whitened).ravel()
         if not math.isfinite(run.log_likelihood):
-            return ((LOST, np.zeros(n), np.zeros((n, n))),) * 2
+            whitened = np.r_[np.zeros(whitened.size - 1), math.sqrt(LOST)]
+            return _Linearised(z, whitened, np.zeros((whitened.size, len(z))))
+        if before is not None:
+            moved = replace(before, z=z, whitened=whitened)
+            if abs(self._left(level, moved.whole, z) - promised) <= _RENEWED * (promised + 1.0):
+                return moved
         slopes = np.array([c.slope(c.centre + d) for c, d in zip(self.coordinates, z, strict=True)])
         directions = model.along([c.name for c in self.coordinates]) * slopes
         tangents = model.sensitivities(data, point.values, directions, run)
-        whitened = np.nan_to_num(run.whitened)
-
-        def parabola(samples: Mask) -> _Parts:
-            tangent = tangents[samples].reshape(-1, n)
-            residual = whitened[samples].ravel() - tangent @ z
-            return float(residual @ residual), tangent.T @ residual, tangent.T @ tangent
-
-        return parabola(np.ones_like(judges)), parabola(judges)
+        return _Linearised(z, whitened, tangents.reshape(-1, len(z)))
 
 
 def _together(parts: Sequence[_Parts]) -> Parabolas:

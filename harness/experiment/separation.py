@@ -166,11 +166,16 @@ class SeparationGoal:
         calm = any(map(self.is_calm, drive.data))
         for i, data in enumerate(() if calm else drive.data):
             for j, rival in enumerate(self.filters):
+                if j == i:
+                    continue
                 k = len(rival.coordinates)
-                for part, parts in enumerate(rival.over(self.model, data, BLOCK, refitted=i != j)):
+                *both, own = rival.over(self.model, data, BLOCK)
+                for part, parts in enumerate(both):
                     squares[part, i, j] = parts.squares
                     slopes[part, i, j, :, :k] = parts.slope
                     information[part, i, j, :, :k, :k] = parts.information
+                # of what a model leaves itself nothing is left, and it says as much of its parameters as fitted
+                information[:, j, j, :, :k, :k] = own[:, None]
         seconds = np.zeros(2) if calm else np.array([drive.seconds, drive.seconds - BLOCK])
         return squares, slopes, information, seconds
 
@@ -204,8 +209,8 @@ class SeparationGoal:
                     )
                     for part in (0, 1)
                 )
-                level, z = (rival.so_far + fitted).best()
-                before = rival.so_far.at(level, z) - rival.cheapest
+                level, z = (rival.so_far + fitted).best(rival.floors)
+                before = rival.so_far.at(level, z) - float(rival.floors.min())
                 distance[i, j] = judged.at(level, z) + self.drives.held_out / self.drives.fitted * before
                 width[i, j] = 0.5 * _growth(fitted.information[level], rival.so_far.information[level])
         distance = np.maximum(distance - np.diagonal(distance)[:, None], 0.0)
@@ -281,8 +286,7 @@ def _growth(information: Floats, precision: Floats) -> float:
     """Return by how much the logarithm of the information grows; directions of which nothing was known count not."""
     known = np.flatnonzero(np.diagonal(precision) > 0.0)
     before, more = precision[np.ix_(known, known)], information[np.ix_(known, known)]
-    sizes = np.linalg.eigvals(np.eye(len(known)) + covariance_of(before).matrix @ more).real
-    return float(np.log(np.maximum(sizes, 1.0)).sum())
+    return float(np.linalg.slogdet(np.eye(len(known)) + covariance_of(before).matrix @ more)[1])
 
 
 def _least(distance: Floats, own: int) -> float:

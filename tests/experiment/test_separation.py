@@ -10,6 +10,7 @@ import pytest
 from harness.common.errors import UserError
 from harness.config import resolve_single
 from harness.config.parameter_set import set_text
+from harness.experiment import rival_filter, separation
 from harness.experiment.contract import total
 from harness.experiment.files import contents
 from harness.experiment.limits import Limits
@@ -51,6 +52,22 @@ def test_what_is_known_of_a_parameter_it_does_not_take_up():
     free, held = (unexplained(4.0, residual, np.array([[1.0 + p]])) for p in (0.0, 1e9))
     assert free == pytest.approx(0.0)
     assert held == pytest.approx(4.0)
+
+
+def parabolas(random, levels=6, n=3):
+    """Return random squares of innovations at some levels."""
+    tangents, residuals = random.standard_normal((levels, 8, n)), 3.0 * random.standard_normal((levels, 8))
+    slopes = np.einsum("kin,ki->kn", tangents, residuals)
+    return Parabolas((residuals**2).sum(axis=1), slopes, np.einsum("kin,kim->knm", tangents, tangents))
+
+
+def test_levels_that_the_drives_so_far_rule_out_need_not_be_looked_at():
+    random = np.random.default_rng(2)
+    for _ in range(50):
+        so_far, fitted = parabolas(random), parabolas(random)
+        (level, place), (same, there) = ((so_far + fitted).best(f) for f in (None, so_far.floors()))
+        assert level == same == np.argmin((so_far + fitted).floors())
+        np.testing.assert_array_equal(place, there)
 
 
 def rival(spec, name, share, error=0.3, costs=(0.0,), **added):
@@ -104,6 +121,33 @@ def test_a_model_that_holds_the_right_one_is_told_from_it_only_by_the_drives_so_
     assert distance[2, 0] <= (1.0 / 0.3) ** 2 + 1e-6  # a lag of nothing is that many standard errors off
     assert distance[0, 2] > 100.0
     assert math.isinf(goal._emulations[0, 1])
+
+
+def test_derivatives_are_taken_anew_where_a_step_misses_what_it_promised(goal, monkeypatch):
+    counted, derivatives = [], goal.model.sensitivities
+    monkeypatch.setattr(goal.model, "sensitivities", lambda *given: counted.append(0) or derivatives(*given))
+    distances, counts = [], []
+    for enough, renewed in ((rival_filter._ENOUGH, rival_filter._RENEWED), (0.0, 0.0)):
+        monkeypatch.setattr(rival_filter, "_ENOUGH", enough)
+        monkeypatch.setattr(rival_filter, "_RENEWED", renewed)
+        counted.clear()
+        distances.append(goal.distances(evidence_of(goal, "sweep", [0.0, 0.2, 0.3, 0.5]))[0])
+        counts.append(len(counted))
+    np.testing.assert_allclose(*distances, rtol=0.03, atol=0.1)
+    assert 6 <= counts[0] < counts[1] <= 18
+
+
+def test_a_model_says_as_much_of_its_parameters_over_what_it_leaves_itself(goal, monkeypatch):
+    evidence = evidence_of(goal, "ramp", [0.5, 0.5])
+    monkeypatch.setattr(goal, "evidence", lambda drive: drive)
+    drive = evidence_of(goal, "ramp", [0.5, 0.5])
+    for j, own in enumerate(goal.filters):
+        n = len(own.coordinates)
+        whole, *_ = own.over(goal.model, drive.data[j])
+        assert whole.squares[0] == pytest.approx(0.0, abs=1e-6)
+        growths = (separation._growth(f, own.so_far.information[0]) for f in (
+            evidence[2][0, j, j, 0, :n, :n], whole.information[0]))  # fmt: skip
+        assert next(growths) == pytest.approx(next(growths), rel=0.01)
 
 
 def test_fewer_sensors_tell_less_of_the_same_drive(goal, tmp_path):
