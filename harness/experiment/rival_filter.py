@@ -31,7 +31,7 @@ _REFITS = 2
 _ENOUGH = 0.01
 """Share of what is left, or of a squared deviation, that a step has to promise."""
 
-_RENEWED = 0.1
+_RENEWED = 0.02
 """The same by which a step has to miss what it promised for the derivatives to be taken anew behind it."""
 
 _FARTHEST = 1.0
