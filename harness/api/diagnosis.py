@@ -162,6 +162,7 @@ class Diagnosis(Shown):
             spec, fitted, held_out, free, estimators, self.study, self.repeats, jobs=self.jobs, notes=notes
         )
         task = replace(task, baseline=tuple(earlier), stated=with_absolute_paths(table), after=before)
+        task = task if before is None else replace(task, **before.search)
         if folder is None:
             self._scratch = tempfile.TemporaryDirectory(prefix="diagnosis-")  # tracebacks, and scores of the study
         where = Path(self._scratch.name if folder is None else folder)

@@ -30,7 +30,7 @@ def identify(
     test: Any = (),
     method: str | None = None,
     settings: Mapping[str, Any] | None = None,
-    seed: int = 0,
+    seed: int | None = None,
     jobs: int | None = None,
     after: str | Path | None = None,
 ) -> Identification:
@@ -46,7 +46,7 @@ def identify(
         test: Held-out recordings, on which the fit is judged.
         method: ``likelihood`` (default), ``swarm`` or ``em`` (docs/identification).
         settings: Of the method.
-        seed: Of the method's random numbers.
+        seed: Of the method's random numbers; 0 by default.
         jobs: Threads; all cores by default.
         after: Folder of an earlier identification behind which drives were planned (``harness.next_drive``). Its
             recordings are added to those that are stated, what else is not stated is its own, and the answer says
@@ -79,17 +79,14 @@ def identify(
     names = (free,) if isinstance(free, str) else tuple(free)
     if before is not None:
         asked = before.content["asked"]
-        model, names, seed = (
-            Model(before.model) if model is None else model,
-            names or before.free,
-            seed or asked["seed"],
-        )
-        settings = settings or (asked["settings"] if method in (None, asked["method"]) else {})
+        model, names = Model(before.model) if model is None else model, names or before.free
+        seed = asked["seed"] if seed is None else seed
+        settings = {**(asked["settings"] if method in (None, asked["method"]) else {}), **(settings or {})}
         method = method or asked["method"]
     if model is None:
         raise UserError("model: give the model; only with after it is that of the earlier identification")
     spec = model.resolved_for([*fitted, *held_out], step=step_of(fitted[0]))
-    task = FitTask(spec, fitted, names, held_out, method or "likelihood", dict(settings or {}), seed, jobs)
+    task = FitTask(spec, fitted, names, held_out, method or "likelihood", dict(settings or {}), seed or 0, jobs)
     table, _ = model.completed([*fitted, *held_out])
     task = replace(task, stated=with_absolute_paths(table), after=before)
     with showing(Console(stderr=True), "compiling") as show:
@@ -105,12 +102,14 @@ def identified_file(study: MeasuredStudy, jobs: int | None = None) -> Identifica
     from rich.console import Console
 
     from harness.common.stages import showing
+    from harness.identification.earlier_result import with_absolute_paths
     from harness.identification.fit_recordings import FitTask, fit_recordings
 
     with showing(Console(stderr=True), "reading the recordings") as show:
         drives, raw = study.drives(), study.raw
         free = study.fitted_parameters()
         task = FitTask(study.nominal(), drives["train"], free, drives["test"], raw.method, raw.settings, jobs=jobs)
+        task = replace(task, stated=with_absolute_paths(study.stated))
         show("compiling")
         return Identification(fit_recordings(task, show))
 

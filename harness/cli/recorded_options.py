@@ -30,9 +30,6 @@ if TYPE_CHECKING:
     from harness.api.model import Model
     from harness.identification.measured_file import MeasuredStudy
 
-BANK = "bank_angle"
-"""Signal that ``--bank-map`` makes."""
-
 RECORDING = "a part: lap.csv@0s:200s; with a map of its own: lap.csv@map.toml; repeatable."
 ChannelsOption = Annotated[
     Path | None,
@@ -61,9 +58,6 @@ AfterOption = Annotated[
         metavar="RESULT",
         help="Result behind which drives were planned: its model and recordings and these; did they tell as much?",
     ),
-]
-IntegratorOption = Annotated[
-    Literal["euler", "heun", "rk4"], typer.Option("--integrator", help="How the model's equations are integrated.")
 ]
 
 
@@ -98,7 +92,9 @@ class RecordedOptions:
         Literal["joined", "held"],
         typer.Option("--inputs", help="Recorded inputs run straight between samples, or are held as in a simulation."),
     ] = "joined"
-    integrator: IntegratorOption = "rk4"
+    integrator: Annotated[
+        Literal["euler", "heun", "rk4"], typer.Option("--integrator", help="How the model's equations are integrated.")
+    ] = "rk4"
     substeps: Annotated[
         int | None,
         typer.Option("--substeps", min=1, max=MOST, help="Integration steps per sample; of at most 10 ms if absent."),
@@ -143,6 +139,7 @@ class RecordedOptions:
         """
         from harness.identification.data import step_of
         from harness.identification.measured_file import FINEST
+        from harness.recordings.smooth.road_bank_map import BANK
 
         step = step_of(recordings[0])
         noise = {
@@ -245,8 +242,24 @@ class MeasuredOptions:
         return self.out
 
     def nominal(self, **keys: Any) -> Model | None:
-        """Return the model, with further keys; ``None`` where it is that of the earlier result."""
-        return model_of(self.model, **keys) if self.model.vehicle or self.after is None else None
+        """Return the model, with further keys that are not ``None``; ``None`` where it is that of the earlier result.
+
+        Raises:
+            UserError: If options or keys state something of the earlier result's model, which they would not change.
+        """
+        stated = {name: value for name, value in keys.items() if value is not None}
+        if self.model.vehicle or self.after is None:
+            return model_of(self.model, **{"integrator": "rk4", **stated})
+        of_model = {
+            "--parameters": self.model.parameters, "--tyre": self.model.tyre, "--effect": self.model.effects,
+            "--sensors": self.model.sensors, "--set": self.model.values,
+        }  # fmt: skip
+        if idle := [option for option, value in of_model.items() if value] + [f"--{name}" for name in stated]:
+            raise UserError(
+                f"--after: the model is that of the earlier result as it was, without {', '.join(idle)}; leave that "
+                "out, or name a model with --model"
+            )
+        return None
 
     @property
     def plant(self) -> dict[str, Any]:

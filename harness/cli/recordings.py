@@ -25,7 +25,7 @@ from harness.cli.options import (
     printed,
     study_path,
 )
-from harness.cli.recorded_options import IntegratorOption, MeasuredOptions, RecordedOptions, uncertain
+from harness.cli.recorded_options import MeasuredOptions, RecordedOptions, uncertain
 from harness.common.errors import UserError
 from harness.common.files import parse_toml
 from harness.common.stages import showing
@@ -158,9 +158,14 @@ class IdentifyOptions(MeasuredOptions):
     settings: Annotated[
         list[str] | None, typer.Option("--setting", metavar="NAME=VALUE", help="Setting of the method; repeatable.")
     ] = None
-    integrator: IntegratorOption = "rk4"
-    substeps: Annotated[int, typer.Option("--substeps", min=1, max=MOST, help="Integration steps per sample.")] = 1
-    seed: SeedOption = 0
+    integrator: Annotated[
+        Literal["euler", "heun", "rk4"] | None,
+        typer.Option("--integrator", help="How the model's equations are integrated; rk4 if absent."),
+    ] = None
+    substeps: Annotated[
+        int | None, typer.Option("--substeps", min=1, max=MOST, help="Integration steps per sample; 1 if absent.")
+    ] = None
+    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of what draws random numbers.")] = None
     fmu: Annotated[str | None, typer.Option("--fmu", metavar="FILE", help="FMU in place of --model.")] = None
     map: Annotated[
         str | None, typer.Option("--map", metavar="FILE", help="Which of its variables is which signal.")
@@ -174,27 +179,7 @@ class IdentifyOptions(MeasuredOptions):
         """A plant of somebody else as keys of ``[plant]``; empty where none is named."""
         stated = {"fmu": self.fmu, "map": self.map, "python": self.python}
         keys: dict[str, Any] = {name: value for name, value in stated.items() if value is not None}
-        return {**keys, "integrator": self.integrator, "substeps": self.substeps} if keys else {}
-
-    def refuse_idle(self) -> None:
-        """Refuse options of a model where it is that of the earlier result, which they would not change.
-
-        Raises:
-            UserError: If there are such.
-        """
-        if self.after is None or self.model.vehicle:
-            return
-        bare = type(self)(model=MaybeModelOptions())
-        stated = {
-            "--parameters": self.model.parameters, "--tyre": self.model.tyre, "--effect": self.model.effects,
-            "--sensors": self.model.sensors, "--set": self.model.values,
-            "--integrator": self.integrator != bare.integrator, "--substeps": self.substeps != bare.substeps,
-        }  # fmt: skip
-        if idle := [option for option, value in stated.items() if value]:
-            raise UserError(
-                f"--after: the model is that of the earlier result as it was, without {', '.join(idle)}; leave that "
-                "out, or name a model with --model"
-            )
+        return {**keys, "integrator": self.integrator or "rk4", "substeps": self.substeps or 1} if keys else {}
 
 
 @takes(IdentifyOptions)
@@ -228,15 +213,15 @@ def identify(task: IdentifyOptions) -> None:
             test=test,
             method=task.method or "least-squares",
             settings=pairs(task.settings, "--setting"),
-            seed=task.seed,
+            seed=task.seed or 0,
             jobs=task.jobs,
         )
     else:
-        task.refuse_idle()
         out, free = task.folder, listed(task.free or [])
+        model = task.nominal(integrator=task.integrator, substeps=task.substeps)
         train, test = task.drives()
         fit = identified(
-            task.nominal(integrator=task.integrator, substeps=task.substeps),
+            model,
             train,
             free,
             test=test,
@@ -308,9 +293,10 @@ def trace(task: TraceOptions) -> None:
     study = None if task.study is None else study_path(task.study)
     estimators = None if task.estimators is None else listed(task.estimators)
     diagnosis = Diagnosis(listed(task.free or []), estimators, study, task.repeats, task.jobs)
+    model = task.nominal()
     train, test = task.drives()
     baseline = task.read(task.baseline or [])
-    diagnosis.fit(task.nominal(), train, test, out, baseline, task.after)
+    diagnosis.fit(model, train, test, out, baseline, task.after)
     with showing(Console(stderr=True), "writing the report"):
         written = diagnosis.report(out, command())
     printed(diagnosis.answer_, written)

@@ -46,6 +46,13 @@ class EarlierTrace(EarlierResult):
         return earlier
 
     @property
+    def search(self) -> dict[str, Any]:
+        """What a file of measured drives asked of the search, by attribute of ``TraceTask``."""
+        asked = self.content["asked"]
+        excluded = {"excluded": frozenset(asked.get("excluded", ()))}
+        return excluded | {name: asked[name] for name in ("rounds", "stated_noise") if name in asked}
+
+    @property
     def models(self) -> list[EarlierModel]:
         """Its confusable set."""
         return [

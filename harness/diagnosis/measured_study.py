@@ -18,6 +18,7 @@ from harness.diagnosis.result.changes import record_of_changes
 from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.result.study_gain import REPEATS
 from harness.diagnosis.run import TraceTask, run_trace
+from harness.identification.earlier_result import with_absolute_paths
 from harness.identification.filtered_model import Candidates
 from harness.identification.measured_file import MeasuredStudy
 from harness.identification.report import spans_sheet
@@ -112,6 +113,7 @@ def _task(
         rounds=raw.rounds,
         stated_noise=raw.stated_noise,
         jobs=jobs,
+        stated=with_absolute_paths(study.stated),
     )
 
 

@@ -201,6 +201,9 @@ class TraceTask:
             "train": train,
             "test": test,
             "estimators": list(self.estimators),
+            "excluded": sorted(self.excluded),
+            "rounds": self.rounds,
+            "stated_noise": self.stated_noise,
         }
 
     @property

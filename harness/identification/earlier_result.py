@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -13,8 +14,10 @@ import xarray as xr
 from harness.common.errors import UserError
 from harness.common.files import read_text
 from harness.identification.common_step import RESAMPLED, resampled
+from harness.identification.measured_file import MEASURED, MeasuredStudy
 from harness.recordings.read.load import load_recording
 from harness.recordings.read.origin import ORIGIN, digest
+from harness.recordings.smooth.road_bank_map import BANK
 
 PLAN, FOLDER = "next_drive.json", "next-drive"
 """Of planned drives, and where they are in the folder of a result if nothing else was asked for."""
@@ -87,7 +90,7 @@ class EarlierResult:
         """Keys of its model, as ``harness.model`` takes them.
 
         Raises:
-            UserError: If it does not state them, as where a file stated the measured drives.
+            UserError: If an earlier version wrote it, of a file of measured drives.
         """
         model = self.content["asked"]["model"]
         if not model:
@@ -114,7 +117,14 @@ class EarlierResult:
         if not self.driven_since(stated):
             names = ", ".join(f"'{_name(r)}'" for r in stated)
             raise UserError(f"{self.folder}: has {names} already; state what was driven behind that {self.KIND}")
-        return [*self.recordings("train", stated), *fitted], [*self.recordings("test", stated), *held_out]
+        earlier = {role: self.recordings(role, stated) for role in ("train", "test")}
+        if any(BANK in r for recordings in earlier.values() for r in recordings):
+            if lacking := [r for r in stated if BANK not in r]:
+                raise UserError(
+                    f"'{_name(lacking[0])}' lacks '{BANK}', which the drives of {self.folder} have; state all of them "
+                    "in one file of measured drives, and run that without --after"
+                )
+        return [*earlier["train"], *fitted], [*earlier["test"], *held_out]
 
     def driven_since(self, stated: Sequence[xr.Dataset]) -> list[xr.Dataset]:
         """Return the recordings that it did not have."""
@@ -142,6 +152,7 @@ class EarlierResult:
             UserError: If one came from memory, is no longer there, or holds something else.
         """
         digests, recordings = {digest(r) for r in stated}, []
+        drives_of = cache(_drives_of)
         for entry in self.content["asked"][role]:
             origin, name = entry["origin"], entry["name"]
             brought = None if origin is None else origin.get(RESAMPLED)
@@ -151,19 +162,45 @@ class EarlierResult:
             if origin is None:
                 raise UserError(f"{self.folder}: '{name}' came from memory and cannot be read again; {remedy}")
             try:
-                again = load_recording(
-                    origin["source"], origin["channels"], origin["step"], name, databases=origin["databases"]
-                )
+                again = _read_again(origin, name, drives_of)
             except UserError as error:
                 raise UserError(f"{self.folder}: '{name}' cannot be read again; {remedy} ({error})") from error
             again = again if brought is None else resampled(again, brought)
             if digest(again) != entry["digest"]:
                 raise UserError(
-                    f"{origin['source']}: holds something else than in that {self.KIND}; put back what it held, or "
+                    f"{origin.get(MEASURED) or origin['source']}: holds something else than in that {self.KIND}; put back what it held, or "
                     "state all recordings without --after"
                 )
             recordings.append(again)
         return recordings
+
+
+def _read_again(
+    origin: Mapping[str, Any], name: str, drives_of: Callable[[str], Mapping[str, list[xr.Dataset]]]
+) -> xr.Dataset:
+    """Return a recording from its origin, with the drives of a file of measured drives where that states it.
+
+    Raises:
+        UserError: If it is no longer there.
+    """
+    if MEASURED not in origin:
+        return load_recording(origin["source"], origin["channels"], origin["step"], name, databases=origin["databases"])
+    stated = drives_of(origin[MEASURED]).get(origin["key"], [])
+    if origin["place"] >= len(stated):
+        raise UserError(f"{origin[MEASURED]}: states no such drive any more")
+    return stated[origin["place"]]
+
+
+def _drives_of(path: str) -> dict[str, list[xr.Dataset]]:
+    """Return the drives of a file of measured drives.
+
+    Raises:
+        UserError: If it or one of them cannot be read.
+    """
+    study = MeasuredStudy.read(Path(path))
+    if study.absent:
+        raise UserError(study.absent)
+    return study.drives()
 
 
 def _name(recording: xr.Dataset) -> str:

@@ -35,6 +35,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -58,6 +59,7 @@ from harness.estimation.contract import traced
 from harness.identification.data import steered
 from harness.models.roles import EFFECTS
 from harness.recordings.read.load import load_recording
+from harness.recordings.read.origin import ORIGIN
 from harness.recordings.smooth.road_bank_map import with_bank
 
 SHORTEST = 20.0
@@ -72,6 +74,9 @@ FINE = "rk4"
 FINEST = 0.01
 """s; longest integration step: errors of integration look like a lag of the steering."""
 
+MEASURED = "measured_file"
+"""Key of the origin of a recording that a file of measured drives states: its path, beside ``key`` and ``place``."""
+
 
 def finely(table: Mapping[str, Any], step: float, where: str) -> ModelSpec:
     """Return a model as a study states one, integrated finely.
@@ -85,8 +90,11 @@ def finely(table: Mapping[str, Any], step: float, where: str) -> ModelSpec:
     Raises:
         UserError: If there cannot be such a model.
     """
-    fine = {"integrator": FINE, "substeps": math.ceil(step / FINEST)}
-    return resolve_single({**fine, **table, "step": step}, where)
+    return resolve_single({**_fine(step), **table, "step": step}, where)
+
+
+def _fine(step: float) -> dict[str, Any]:
+    return {"integrator": FINE, "substeps": math.ceil(step / FINEST)}
 
 
 def fitted_parameters(spec: ModelSpec, named: Sequence[str], where: str) -> tuple[str, ...]:
@@ -256,7 +264,17 @@ class MeasuredStudy:
                 taken.append((f"{key}[{i}]", span.file, start, stop))
                 parts[key].append(_cut(whole[span.file], start, stop, span))
         values = self.nominal().values
-        return {key: [steered(r, values) for r in recordings] for key, recordings in parts.items()}
+        return {key: [self._from_here(steered(r, values), key, i) for i, r in enumerate(p)] for key, p in parts.items()}
+
+    def _from_here(self, recording: xr.Dataset, key: str, place: int) -> xr.Dataset:
+        """Return a recording whose origin is this file, which is how its span, step and bank come again."""
+        origin = {MEASURED: str(self.path.resolve()), "key": key, "place": place}
+        return recording.assign_attrs({ORIGIN: json.dumps(origin)})
+
+    @property
+    def stated(self) -> dict[str, Any]:
+        """Keys of the nominal model, so that ``harness.model`` makes the same one."""
+        return {**_fine(self.step), **self.raw.model.model_dump(exclude_unset=True)}
 
     def nominal(self) -> ModelSpec:
         """Return the nominal model, integrated finely.
@@ -314,7 +332,8 @@ def _cut(recording: xr.Dataset, start: float, stop: float, span: SpanTable) -> x
     time = recording["time"]
     part = recording.isel(time=np.flatnonzero((time >= start) & (time <= stop)))
     name = span.name or Path(span.file).name.split(".")[0]
-    return part.assign_coords(time=part["time"] - part["time"][0]).assign_attrs(name=name)
+    part = part.assign_coords(time=part["time"] - part["time"][0]).assign_attrs(name=name)
+    return part if span.span is None else part.assign_attrs(span=[start, stop])
 
 
 def names_of(recordings: Sequence[xr.Dataset]) -> list[str]:

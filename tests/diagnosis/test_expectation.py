@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 import harness as h
@@ -14,11 +15,13 @@ from harness.common.errors import UserError
 from harness.common.statistics import Interval
 from harness.diagnosis.criteria import HORIZONS
 from harness.diagnosis.earlier_trace import EarlierTrace, models_left
+from harness.diagnosis.measured_study import trace_study
 from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.result.expectation import expectation_met, record_of_expectation
 from harness.diagnosis.run import _driven_otherwise
 from harness.diagnosis.selection.posterior import Alike, ComparedModel, Posterior
 from harness.identification.earlier_result import record_of_recordings, with_absolute_paths
+from harness.identification.measured_file import MeasuredStudy
 from harness.recordings import load_recording
 
 
@@ -280,6 +283,58 @@ def test_estimators_and_judging_drives_are_those_of_the_earlier_trace(earlier, t
     assert tasks[0].asked["estimators"] == []
     with pytest.raises(UserError, match="name another folder"):
         h.Diagnosis().fit(None, [new], [], earlier, after=earlier)
+
+
+MEASURED_FILE = """
+title = "A trace that is gone on from"
+recordings = "."
+step = "10 ms"
+rounds = 3
+stated_noise = true
+estimators = ["ukf"]
+free = ["mass"]
+
+[model]
+vehicle = "car"
+parameters = "govindarajan_2018"
+tyre = "linear"
+sensors = "car_series"
+noise = { process_scale = 1e-4 }
+
+[[train]]
+file = "train.csv"
+span = ["2 s", "25 s"]
+
+[[test]]
+file = "test.csv"
+span = ["3 s", "26 s"]
+
+[[exclude]]
+effect = "payload_shift"
+reason = "nobody moved in the car"
+"""
+
+
+def test_the_trace_of_a_measured_file_is_gone_on_from_as_it_was_asked(earlier, tmp_path, monkeypatch):
+    (tmp_path / "measured.toml").write_text(MEASURED_FILE, encoding="utf-8")
+    tasks = []
+    monkeypatch.setattr("harness.diagnosis.measured_study.run_trace", lambda task, *_: tasks.append(task))
+    monkeypatch.setattr("harness.diagnosis.measured_study._write", lambda *_: None)
+    monkeypatch.setattr("harness.diagnosis.run.run_trace", lambda task, *_: tasks.append(task))
+    study = MeasuredStudy.read(tmp_path / "measured.toml")
+    with pytest.raises(AttributeError):  # there is no outcome
+        trace_study(study, study.drives(), tmp_path / "trace", None, Console())
+    asked = {"asked": json.loads(json.dumps(tasks[0].asked))}
+    content = json.loads((earlier / "trace.json").read_text(encoding="utf-8"))
+    (earlier / "trace.json").write_text(json.dumps(content | asked), encoding="utf-8")
+    h.Diagnosis().fit(None, [recording(tmp_path / "new.csv", 5)], [], tmp_path / "after", after=earlier)
+    first, again = tasks
+    assert [r.attrs["name"] for r in (*again.train, *again.test)] == ["train", "new", "test"]
+    assert again.train[0].equals(first.train[0])
+    assert again.test[0].equals(first.test[0])
+    for key in ("spec", "free", "estimators", "excluded", "rounds", "stated_noise"):
+        assert getattr(again, key) == getattr(first, key), key
+    assert (again.excluded, again.rounds) == ({"payload_shift"}, 3)
 
 
 def test_what_is_alike_in_a_model_is_left_to_be_told_apart():

@@ -2,6 +2,7 @@
 
 import json
 import math
+import shutil
 from dataclasses import replace
 
 import pytest
@@ -75,14 +76,78 @@ def test_a_fit_goes_on_from_an_earlier_one_with_its_recordings_and_settings(resu
         assert entry["ratio"] == pytest.approx(entry["reached"] / entry["expected"])
 
 
-@pytest.mark.parametrize(
-    "words",
-    [("--set", "mass=1"), ("--tyre", "linear"), ("--substeps", "2"), ("--integrator", "euler"), ("--effect", "camber")],
-)
-def test_an_option_of_a_model_that_is_not_named_is_refused(tmp_path, words):
+MEASURED_FILE = """
+title = "A fit that is gone on from"
+recordings = "{folder}"
+step = "10 ms"
+free = ["stiffness_over_load_front", "mass_over_inertia"]
+settings = {{ profiles = false, annealings = 0 }}
+
+[model]
+vehicle = "car_reference_point"
+parameters = "sun_2015"
+sensors = "car_reference"
+
+[[train]]
+file = "long.csv"
+span = ["5 s", "26 s"]
+
+[[test]]
+file = "long.csv"
+span = ["30 s", "51 s"]
+"""
+
+
+def test_a_fit_of_a_measured_file_is_gone_on_from_with_its_spans(results, tmp_path):
+    write_recording(recorded(model_of(CAR), 3, duration=55.0, speed=15.0, amplitude=0.5), tmp_path / "long.csv")
+    file = tmp_path / "measured.toml"
+    file.write_text(MEASURED_FILE.format(folder=tmp_path), encoding="utf-8")
+    done = run("identify", file, "--out", tmp_path / "fit")
+    assert done.exit_code == 0, done.output
+    shutil.copytree(results / "fit" / "next-drive", tmp_path / "fit" / "next-drive")
+    done = run("identify", "--after", tmp_path / "fit", "--train", results / "second.csv")
+    assert done.exit_code == 0, done.output
+    first, again = (json.loads((tmp_path / f / "identify.json").read_text()) for f in ("fit", "fit/after"))
+    assert [d["name"] for d in again["asked"]["train"]] == ["long", "second"]
+    for key in ("model", "free", "settings", "test"):
+        assert again["asked"][key] == first["asked"][key], key
+    file.write_text(file.read_text(encoding="utf-8").replace("26 s", "27 s"), encoding="utf-8")
+    with pytest.raises(UserError, match=r"measured.toml: holds something else than in that identification"):
+        EarlierResult.read(tmp_path / "fit").recordings("train", [])
+    file.unlink()
+    with pytest.raises(UserError, match=r"'long' cannot be read again; state it as well, as train"):
+        EarlierResult.read(tmp_path / "fit").recordings("train", [])
+
+
+def test_a_recording_without_the_bank_that_earlier_ones_have_is_refused(results, tmp_path):
+    table = load_recording(results / "first.csv").to_dataframe()
+    table.assign(bank_angle=0.01).to_csv(tmp_path / "banked.csv")
+    content = {"asked": {"train": record_of_recordings([load_recording(tmp_path / "banked.csv")]), "test": []}}
+    earlier = replace(EarlierResult.read(results / "fit"), content=content)
+    with pytest.raises(UserError, match=r"'second' lacks 'bank_angle', which the drives of"):
+        earlier.joined([load_recording(results / "second.csv")], [])
+
+
+@pytest.mark.parametrize("command", ["identify", "trace"])
+@pytest.mark.parametrize("words", [("--set", "mass=1"), ("--tyre", "linear"), ("--effect", "camber")])
+def test_an_option_of_a_model_that_is_not_named_is_refused(tmp_path, command, words):
+    done = run(command, "--after", tmp_path, "--train", tmp_path / "second.csv", *words)
+    assert (done.exit_code, f"without {words[0]};" in done.stderr) == (2, True), done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("words", [("--substeps", "1"), ("--integrator", "rk4")])
+def test_an_integration_is_that_of_the_model_even_where_the_usual_one_is_named(tmp_path, words):
     done = run("identify", "--after", tmp_path, "--train", tmp_path / "second.csv", *words)
     assert (done.exit_code, f"without {words[0]};" in done.stderr) == (2, True), done.stderr
     assert done.stderr.count("\n") == 1
+
+
+def test_settings_that_are_named_take_the_place_of_those_of_their_name(results, tmp_path):
+    line = ["identify", "--after", results / "fit", "--train", results / "second.csv", "--out", tmp_path]
+    assert run(*line, "--setting", "annealings=1").exit_code == 0
+    asked = json.loads((tmp_path / "identify.json").read_text())["asked"]
+    assert asked["settings"] == {"profiles": False, "annealings": 1}
 
 
 def test_what_is_no_plan_behind_a_fit_is_refused(results, tmp_path):

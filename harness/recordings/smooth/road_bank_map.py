@@ -29,6 +29,9 @@ from harness.models.signals import signal_attributes
 from harness.recordings.motion.kinematics import local_polynomial
 from harness.recordings.read.load import inputs
 
+BANK = "bank_angle"
+"""The signal that a map makes."""
+
 NEEDED = ("position_x", "position_y", "heading", "longitudinal_velocity", "lateral_velocity", "yaw_rate")
 """Signals a map is made of, beside the lateral acceleration; the first three find a place on it."""
 
@@ -140,8 +143,8 @@ def with_bank(fitted: Sequence[xr.Dataset], held_out: Sequence[xr.Dataset]) -> l
     slopes = passages.slopes()
     whole = passages.bank(slopes)
     drives = [*((r, passages.bank(slopes, i)) for i, r in enumerate(fitted)), *((r, whole) for r in held_out)]
-    attributes = {**signal_attributes("bank_angle"), "derived": 1}
-    return [r.assign(bank_angle=("time", m.along(r), attributes)) for r, m in drives]
+    attributes = {**signal_attributes(BANK), "derived": 1}
+    return [r.assign({BANK: ("time", m.along(r), attributes)}) for r, m in drives]
 
 
 def _passages(recordings: Sequence[xr.Dataset]) -> _Passages:
