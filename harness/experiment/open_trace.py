@@ -58,7 +58,7 @@ class RivalModel:
     """A model of the confusable set.
 
     Attributes:
-        name: What it has beyond the nominal model, in words.
+        name: What it has beyond the nominal model, in words; of several models without what all of them have.
         added: The same by ``name`` and ``kind``.
         share: Its probability if one of the set is right.
         values: By parameter, as fitted.
@@ -121,6 +121,7 @@ def read_trace(folder: Path, least: int = 2) -> OpenTrace:
         raise UserError(
             f"{file}: the trace left one model, {rivals[0].name}; nothing is to be told apart; say what to show (--for)"
         )
+    rivals = _named_apart(rivals)
     spec = fitted_spec(folder / "nominal.toml", ", ".join(outputs))
     return OpenTrace(spec, rivals, drives, none, _detectable(content.get("candidates", ())))
 
@@ -171,6 +172,13 @@ def _in_the_place(first: RivalModel, model: Mapping[str, Any], other: Mapping[st
         first.measurement_noise,
         at_levels,
     )
+
+
+def _named_apart(rivals: tuple[RivalModel, ...]) -> tuple[RivalModel, ...]:
+    """Return models by what tells them apart: what several of them all have is in no question."""
+    each = [{(h["kind"], h["name"]) for h in r.added} for r in rivals]
+    common = set.intersection(*each) if len(rivals) > 1 else set()
+    return tuple(replace(r, name=_named([h for h in r.added if (h["kind"], h["name"]) not in common])) for r in rivals)
 
 
 def _named(added: Sequence[Mapping[str, str]]) -> str:

@@ -69,6 +69,8 @@ class EarlierResult:
         """
         places = (result / FOLDER / PLAN, result / PLAN)
         file = next((p for p in places if p.is_file()), None)
+        if file is None and not result.is_dir():
+            raise UserError(f"{result}: is no folder; name that of the {cls.KIND}, or of the drives planned behind it")
         if file is None:
             raise UserError(f"{result}: holds no {FOLDER}/{PLAN}; plan drives first: harness next-drive {result}")
         plan = read_json(file)

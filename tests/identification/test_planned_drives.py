@@ -161,6 +161,8 @@ def test_what_is_no_plan_behind_a_fit_is_refused(results, tmp_path):
             (tmp_path / "next_drive.json").write_text(json.dumps(content))
         done = run("identify", "--after", tmp_path, "--train", results / "second.csv")
         assert (done.exit_code, words in done.stderr) == (2, True), done.stderr
+    with pytest.raises(UserError, match=r"identify.json: is no folder; name that of the identification"):
+        EarlierResult.read(results / "fit" / "identify.json")
     (tmp_path / "identify.json").write_text("{}")
     with pytest.raises(UserError, match="an earlier version wrote it"):
         EarlierResult.read(tmp_path)
