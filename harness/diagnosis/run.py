@@ -44,8 +44,7 @@ from harness.diagnosis.selection.forward_selection import trace
 from harness.identification.data import DriveData, measurements_of, steered
 from harness.identification.earlier_result import record_of_recordings
 from harness.identification.measured_file import SHORT_BY, SHORTEST, names_of, refuse_repeated
-from harness.identification.planned_drive import unplanned
-from harness.models.quantities import listed
+from harness.identification.planned_drive import driven_otherwise
 from harness.recordings.check.examine import recording_warnings
 
 _ROUND = re.compile(r"round (\d+):")
@@ -284,9 +283,7 @@ def _driven_otherwise(task: TraceTask, earlier: EarlierTrace) -> str:
     """Return why what planned drives were to tell is not to be expected of those that were driven; empty if it is."""
     if not earlier.driven_since(task.test):
         return "none of the drives since judges, state one of each two as test"
-    names = [str(d["name"]) for d in earlier.plan.get("sequence", ())]
-    other = unplanned(earlier.driven_since(task.recordings), earlier.place, names)
-    return f"{listed(other)} {'is' if len(other) == 1 else 'are'} not as planned ({listed(names)})" if other else ""
+    return driven_otherwise(earlier.driven_since(task.recordings), earlier.place, earlier.plan)
 
 
 def _searched(

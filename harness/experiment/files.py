@@ -145,16 +145,18 @@ def written_to(designed: Designed, folder: Path) -> list[str]:
 
 
 def once_driven(designed: Designed, folder: Path) -> str:
-    """Return the command that goes on from the drives in a folder; empty where none does, as of a study.
+    """Return the command that goes on from the drives in a folder, each of them; empty where none does, as of a study.
 
     Behind a trace of changes since a baseline all drives are traced again, with that.
     """
     after = designed.task.folder if folder == designed.task.folder / FOLDER else folder
     expected = designed.goal.expectation(designed.plan.evidence).record
+    driven = sum(times for _, times in designed.plan.sequence)
     if "models" in expected:
         if read_json(designed.task.folder / TRACE).get("baseline"):
             return ""
-        return shlex.join(["harness", "trace", "--after", str(after), "--train", "RECORDING", "--test", "RECORDING"])
-    if "parameters" in expected:
-        return shlex.join(["harness", "identify", "--after", str(after), "--train", "RECORDING"])
+        both = [option for option in ("--train", "--test") for _ in range(driven // 2)]
+        return shlex.join(["harness", "trace", "--after", str(after), *(w for o in both for w in (o, "RECORDING"))])
+    if "parameters" in expected and "errors" not in expected:
+        return shlex.join(["harness", "identify", "--after", str(after), *(driven * ["--train", "RECORDING"])])
     return ""

@@ -61,8 +61,13 @@ def reached_errors(plan: Mapping[str, Any], estimates: Sequence[Estimate], spec:
     return tuple(reached)
 
 
-def verdict_of(reached: Sequence[ReachedError]) -> str:
-    """Return ``as expected``, ``larger`` or ``smaller``: that of the parameter that is furthest off."""
+def verdict_of(reached: Sequence[ReachedError], otherwise: str = "") -> str:
+    """Return ``as expected``, ``larger`` or ``smaller``: that of the parameter that is furthest off.
+
+    ``not stated`` where there are no errors, ``not compared`` where it is said why something else was driven.
+    """
+    if otherwise:
+        return "not compared"
     ratios = [r.ratio for r in reached if not math.isnan(r.ratio)]
     if not ratios:
         return "not stated"
@@ -71,10 +76,12 @@ def verdict_of(reached: Sequence[ReachedError]) -> str:
     return "smaller" if min(ratios) < 1.0 - _AS_EXPECTED else "as expected"
 
 
-def in_words(reached: Sequence[ReachedError]) -> str:
+def in_words(reached: Sequence[ReachedError], otherwise: str = "") -> str:
     """Return the same in a sentence; empty where no drives were planned."""
     if not reached:
         return ""
+    if otherwise:
+        return f"What was expected of the planned drives is not compared: {otherwise}."
     verdict = {
         "as expected": "The planned drives told what was expected",
         "larger": "The planned drives told less than was expected",
@@ -89,13 +96,13 @@ def in_words(reached: Sequence[ReachedError]) -> str:
     return f"{verdict}: of the standard errors {errors}."
 
 
-def record_of_errors(reached: Sequence[ReachedError]) -> dict[str, Any] | None:
+def record_of_errors(reached: Sequence[ReachedError], otherwise: str = "") -> dict[str, Any] | None:
     """Return the content of ``after`` in ``identify.json``."""
     if not reached:
         return None
     return {
-        "verdict": verdict_of(reached),
-        "words": in_words(reached),
+        "verdict": verdict_of(reached, otherwise),
+        "words": in_words(reached, otherwise),
         "standard_errors": [
             {"name": r.name, "unit": r.unit}
             | {

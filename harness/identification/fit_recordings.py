@@ -28,6 +28,7 @@ from harness.identification.expectation import reached_errors, record_of_errors
 from harness.identification.free_run import blocks
 from harness.identification.innovations import Innovations
 from harness.identification.measured_file import finely, fitted_parameters, names_of, refuse_repeated
+from harness.identification.planned_drive import driven_otherwise
 from harness.identification.report import report
 from harness.identification.result import FILE, Judged, answer, judge, series_of, write_outcome
 from harness.models.assembly.degradation import refuse_degradations
@@ -161,7 +162,8 @@ def fit_recordings(task: FitTask, say: Callable[[str], None] = lambda _: None) -
     fit = replace(fit, asked=task.asked(settings))
     if task.after is not None:
         reached = reached_errors(task.after.plan, fit.estimates, fit.spec)
-        fit = replace(fit, planned=record_of_errors(reached))
+        otherwise = driven_otherwise(task.after.driven_since(task.train), task.after.place, task.after.plan)
+        fit = replace(fit, planned=record_of_errors(reached, otherwise))
     return Fitted(problem, fit, tuple(drives[len(task.train) :]), recording_warnings(recordings))
 
 

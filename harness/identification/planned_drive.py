@@ -6,14 +6,16 @@ a factor that no driver who follows the plan misses.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from harness.common.arrays import Floats
+from harness.models.quantities import listed
 from harness.recordings import load_recording
 
 _BLOCK = 0.1
@@ -79,6 +81,22 @@ def _averaged(values: Floats, place: np.ndarray) -> Floats:
     total = np.bincount(place[finite], values[finite], place[-1] + 1)
     count = np.bincount(place[finite], minlength=place[-1] + 1)
     return np.divide(total, count, out=np.full(len(total), np.nan), where=count > 0)
+
+
+def driven_otherwise(recordings: Sequence[xr.Dataset], folder: Path, plan: Mapping[str, Any]) -> str:
+    """Return why what a plan expects is not to be expected of what was driven; empty if it is.
+
+    Args:
+        recordings: What was driven.
+        folder: Of the plan.
+        plan: ``next_drive.json``.
+    """
+    sequence = plan.get("sequence", ())
+    names = [str(d["name"]) for d in sequence]
+    if other := unplanned(recordings, folder, names):
+        return f"{listed(other)} {'is' if len(other) == 1 else 'are'} not as planned ({listed(names)})"
+    planned = sum(int(d.get("times", 1)) for d in sequence)
+    return f"only {len(recordings)} of {planned} planned drives are there" if len(recordings) < planned else ""
 
 
 def unplanned(recordings: Sequence[xr.Dataset], folder: Path, names: Sequence[str]) -> list[str]:

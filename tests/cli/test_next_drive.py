@@ -78,6 +78,7 @@ def test_drives_are_planned_written_and_taken(fit, tmp_path):
         ({"models": {}}, None, "harness trace --after results/truck --train RECORDING --test RECORDING"),
         ({"models": {}}, {"drives": ["monday"]}, ""),  # neither of these does --after take
         ({"limits": {}}, None, ""),
+        ({"parameters": {}, "errors": []}, None, ""),  # of a study
     ],
 )
 def test_how_a_trace_goes_on_from_the_drives_is_said(record, baseline, line, tmp_path, monkeypatch):
@@ -85,10 +86,12 @@ def test_how_a_trace_goes_on_from_the_drives_is_said(record, baseline, line, tmp
     Path("results/truck").mkdir(parents=True)
     Path("results/truck/trace.json").write_text(json.dumps({"baseline": baseline}), encoding="utf-8")
     goal = SimpleNamespace(expectation=lambda _: SimpleNamespace(record=record))
-    task, plan = SimpleNamespace(folder=Path("results/truck")), SimpleNamespace(evidence=None)
+    task, plan = SimpleNamespace(folder=Path("results/truck")), SimpleNamespace(evidence=None, sequence=[(None, 2)])
     designed = SimpleNamespace(goal=goal, task=task, plan=plan)
     assert once_driven(designed, Path("results/truck/next-drive")) == line
     assert once_driven(designed, Path("weave")) == line.replace("results/truck", "weave")
+    plan.sequence = [(None, 2), (None, 4)]
+    assert once_driven(designed, Path("weave")).count("--test RECORDING") == (3 if line else 0)
 
 
 def test_drives_of_one_manoeuvre_are_told_apart_and_the_wheel_stands_at_tenths_of_a_degree(fit, tmp_path):

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from harness.identification.planned_drive import unplanned
+from harness.identification.planned_drive import driven_otherwise, unplanned
 
 
 def drive(seconds=20.0, speed=12.0, angle=0.4, hertz=0.5, still=(1.0, 0.0), noise=0.0, name="driven"):
@@ -49,6 +49,15 @@ def test_what_was_planned_is_recognised(plan, driven):
 )
 def test_another_drive_is_told(plan, driven):
     assert unplanned([drive(name="planned"), drive(**driven)], plan, NAMES) == ["driven"]
+
+
+def test_fewer_drives_than_planned_are_told(plan):
+    sequence = {"sequence": [{"name": "1-weave", "times": 2}, {"name": "2-circle", "times": 1}]}
+    circle = drive(hertz=0.0, angle=1.0)
+    assert driven_otherwise([drive(), drive(), circle], plan, sequence) == ""
+    assert driven_otherwise([drive(), circle], plan, sequence) == "only 2 of 3 planned drives are there"
+    assert driven_otherwise([drive(hertz=1.6)], plan, sequence) == "driven is not as planned (1-weave and 2-circle)"
+    assert driven_otherwise([drive()], plan, {}) == ""
 
 
 def test_where_nothing_can_be_compared_nothing_is_said(plan):

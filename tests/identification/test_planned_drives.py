@@ -70,6 +70,13 @@ def test_a_fit_goes_on_from_an_earlier_one_with_its_recordings_and_settings(resu
     assert again["after"]["verdict"] == "as expected"  # a second drive of the same kind: errors over the root of two
     assert again["after"]["words"] in again["answer"]
     assert again["after"]["words"] in " ".join(done.stdout.split())
+    plan = json.loads((results / "fit" / "next-drive" / "next_drive.json").read_text())
+    sequence = {"sequence": [{"name": "1-sine", "times": 2}]}
+    (results / "twice").mkdir()
+    (results / "twice" / "next_drive.json").write_text(json.dumps(plan | sequence))
+    assert run("identify", "--after", results / "twice", "--train", results / "second.csv").exit_code == 0
+    once = json.loads((results / "twice" / "after" / "identify.json").read_text())["after"]
+    assert (once["verdict"], "only 1 of 2 planned drives" in once["words"]) == ("not compared", True)
     for entry in again["after"]["standard_errors"]:
         estimate = next(e for e in joint["estimates"] if e["name"] == entry["name"])
         assert entry["reached"] == estimate["standard_error"]
@@ -163,6 +170,11 @@ def test_what_is_no_plan_behind_a_fit_is_refused(results, tmp_path):
         assert (done.exit_code, words in done.stderr) == (2, True), done.stderr
     with pytest.raises(UserError, match=r"identify.json: is no folder; name that of the identification"):
         EarlierResult.read(results / "fit" / "identify.json")
+    study = results / "fit" / "posterior"  # where the command that a fit prints puts it
+    (study / "next-drive").mkdir(parents=True)
+    (study / "next-drive" / "next_drive.json").write_text(json.dumps({**plan, "result": str(study)}))
+    with pytest.raises(UserError, match="behind no identification"):
+        EarlierResult.read(study)
     (tmp_path / "identify.json").write_text("{}")
     with pytest.raises(UserError, match="an earlier version wrote it"):
         EarlierResult.read(tmp_path)
