@@ -32,6 +32,11 @@ LIMIT = 3.0
 """Standard errors of an amplitude that can be told from none."""
 
 
+_FAINT = 1e-12
+"""Of the information on an amplitude, in SI units, what counts where drives say nothing: one among several that no
+sensor shows is no reason to plan nothing for the others."""
+
+
 class LikeliestModel:
     """The likeliest model of a trace with further amplitudes of the library, and what drives tell of both.
 
@@ -115,14 +120,19 @@ class DetectionGoal:
         """Return the value."""
         return self.value(evidence)
 
-    def covariance(self, evidence: Evidence | None) -> Floats:
-        """Return the covariance of the amplitudes over their share in a limit ``(amplitudes, amplitudes)``."""
+    def covariance(self, evidence: Evidence | None, least: float = 0.0) -> Floats:
+        """Return the covariance of the amplitudes over their share in a limit ``(amplitudes, amplitudes)``.
+
+        Args:
+            evidence: Of drives.
+            least: Information on each amplitude besides.
+        """
         more = 0.0 if evidence is None else 0.5 * marginal(evidence[0], self.rows)
-        return open_covariance(self.before + more, range(len(self.limits)))
+        return open_covariance(self.before + more + least * np.eye(len(self.limits)), range(len(self.limits)))
 
     def value(self, evidence: Evidence | None) -> float:
-        """Return the logarithm of the detection limit; infinite where nothing could be seen."""
-        return log_error(self.covariance(evidence), "D", np.ones(len(self.limits)))
+        """Return the logarithm of the detection limit; as good as infinite where nothing could be seen."""
+        return log_error(self.covariance(evidence, _FAINT), "D", np.ones(len(self.limits)))
 
     def expectation(self, evidence: Evidence | None) -> ExpectedOutcome:
         """Return the detection limits to be expected."""

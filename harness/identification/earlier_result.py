@@ -75,7 +75,8 @@ class EarlierResult:
             raise UserError(f"{result}: holds no {FOLDER}/{PLAN}; plan drives first: harness next-drive {result}")
         plan = read_json(file)
         stated = Path(str(plan.get("result", "")))  # in the folder in which it was planned: one above, if not this one
-        folders = (file.parent, file.parent.parent, *(base / stated for base in (Path(), *file.resolve().parents)))
+        bases = (Path(), *file.resolve().parents)
+        folders = (file.parent, file.parent.parent, *(base / stated for base in bases), bases[2])
         folder = next((f for f in folders if (f / cls.FILE).is_file()), None)
         expected = plan.get("expected")
         if folder is None or not isinstance(expected, dict):

@@ -39,7 +39,18 @@ def goal(trace):
 
 def test_before_any_drive_the_limit_is_that_of_the_trace(goal):
     assert math.exp(goal.value(None)) == pytest.approx(0.2)
-    assert math.isinf(goal.__class__(goal.trace, ["mass"]).value(None))
+    assert math.isinf(DetectionGoal(goal.trace, ["mass"]).expectation(None).record["limits"]["mass"]["before"])
+
+
+def test_an_amplitude_that_no_drive_shows_does_not_hide_what_they_tell_of_others(trace):
+    both = DetectionGoal(trace, ["steering_lag", "mass"])
+    lag = total([((np.diag([4.0, 1.0, 9.0, 0.0]),), 2)])
+    mass = total([((np.diag([4.0, 1.0, 0.0, 9.0]),), 2)])
+    assert both.value(mass) < both.value(lag) < both.value(None)
+    expectation = both.expectation(lag)
+    assert expectation.record["limits"]["steering_lag"]["after"] == pytest.approx(1.0 / math.sqrt(0.2**-2 + 9.0))
+    assert math.isinf(expectation.record["limits"]["mass"]["after"])
+    assert expectation.open == ("mass: no drive shows it",)
 
 
 def test_half_of_the_drives_are_fitted_and_information_adds_up(goal):
