@@ -143,10 +143,11 @@ class DetectionGoal:
             pair = [_size(v, unit) for v in (was, now)]
             rows.append([words(name), *pair])
             record[name] = {"unit": unit, "before": float(was), "after": float(now)}
-            improved.append(f"{words(name)} from {pair[1]} on, in place of {pair[0]}")
+            if math.isfinite(now):
+                improved.append(f"{words(name)} from {pair[1]} on, in place of {pair[0]}")
         still = [f"{words(n)}: no drive shows it" for n, now in zip(self.limits, after, strict=True) if np.isinf(now)]
         return ExpectedOutcome(
-            words=f"shown would be {listed(improved)}",
+            words=f"shown would be {listed(improved) or 'none of it'}",
             open=tuple(still),
             record={"limits": record},
             header=["amplitude", "detection limit now", "expected"],

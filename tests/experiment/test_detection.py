@@ -51,6 +51,7 @@ def test_an_amplitude_that_no_drive_shows_does_not_hide_what_they_tell_of_others
     assert expectation.record["limits"]["steering_lag"]["after"] == pytest.approx(1.0 / math.sqrt(0.2**-2 + 9.0))
     assert math.isinf(expectation.record["limits"]["mass"]["after"])
     assert expectation.open == ("mass: no drive shows it",)
+    assert "mass" not in expectation.words
 
 
 def test_half_of_the_drives_are_fitted_and_information_adds_up(goal):
