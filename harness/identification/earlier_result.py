@@ -121,12 +121,12 @@ class EarlierResult:
             names = ", ".join(f"'{_name(r)}'" for r in stated)
             raise UserError(f"{self.folder}: has {names} already; state what was driven behind that {self.KIND}")
         earlier = {role: self.recordings(role, stated) for role in ("train", "test")}
-        if any(BANK in r for recordings in earlier.values() for r in recordings):
-            if lacking := [r for r in stated if BANK not in r]:
-                raise UserError(
-                    f"'{_name(lacking[0])}' lacks '{BANK}', which the drives of {self.folder} have; state all of them "
-                    "in one file of measured drives, and run that without --after"
-                )
+        lacking = [r for r in stated if BANK not in r]
+        if lacking and any(BANK in r for recordings in earlier.values() for r in recordings):
+            raise UserError(
+                f"'{_name(lacking[0])}' lacks '{BANK}', which the drives of {self.folder} have; state all of them in "
+                "one file of measured drives, and run that without --after"
+            )
         return [*earlier["train"], *fitted], [*earlier["test"], *held_out]
 
     def driven_since(self, stated: Sequence[xr.Dataset]) -> list[xr.Dataset]:
@@ -171,8 +171,8 @@ class EarlierResult:
             again = again if brought is None else resampled(again, brought)
             if digest(again) != entry["digest"]:
                 raise UserError(
-                    f"{origin.get(MEASURED) or origin['source']}: holds something else than in that {self.KIND}; put back what it held, or "
-                    "state all recordings without --after"
+                    f"{origin.get(MEASURED) or origin['source']}: holds something else than in that {self.KIND}; put "
+                    "back what it held, or state all recordings without --after"
                 )
             recordings.append(again)
         return recordings
