@@ -45,6 +45,8 @@ from harness.identification.data import DriveData, measurements_of, steered
 from harness.identification.earlier_result import record_of_recordings
 from harness.identification.measured_file import SHORT_BY, SHORTEST, names_of, refuse_repeated
 from harness.identification.planned_drive import driven_otherwise
+from harness.identification.signal_noise import thinned, white_spacing
+from harness.models.quantities import words
 from harness.recordings.check.examine import recording_warnings
 
 _ROUND = re.compile(r"round (\d+):")
@@ -318,9 +320,14 @@ def _since(
     """Return what changed since the baseline of a task."""
     recordings = list(task.baseline)
     named = zip(recordings, names_of(recordings), strict=True)
-    earlier = augmented.share(lambda arguments: augmented.drive(*arguments), named)
+    recorded = augmented.share(lambda arguments: augmented.drive(*arguments), named)
+    spacing = white_spacing(recorded)
+    for output, every in zip(augmented.nominal.outputs, spacing, strict=True):
+        if every > 1:
+            say(f"baseline: samples of {words(output)} are taken {every} steps apart, where their noise is white")
+    earlier = [thinned(d, spacing) for d in recorded]
     baseline = learnt(augmented, earlier, task.free, task.stated_noise, say, kept)
-    fitted, held_out = drives_of(task, baseline.augmented)
+    fitted, held_out = ([thinned(d, spacing) for d in drives] for drives in drives_of(task, baseline.augmented))
     result = trace(
         baseline.augmented,
         fitted,

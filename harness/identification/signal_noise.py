@@ -1,9 +1,9 @@
-"""Noise of a signal by the signal alone: its white part, and the steps in which it is recorded."""
+"""Noise of a signal by the signal alone: its white part, its steps, and at which spacing of samples it is white."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +16,18 @@ as noise, but hardly ten times the deviation."""
 
 _ALIKE = 1e-9
 """Share of a signal's range below which two values differ by rounding."""
+
+_MOTION = 5.0
+"""Hz; beyond it a vehicle hardly follows its steering, and what a signal has is noise."""
+
+_WHITE = 0.05
+"""Correlation of two samples of noise below which they count as independent."""
+
+_FARTHEST = 20
+"""Samples over which the noise may be correlated."""
+
+_SEGMENT = 512
+"""Samples of the segments whose spectra are averaged."""
 
 
 @dataclass(frozen=True)
@@ -64,3 +76,45 @@ def white_variance(signals: Sequence[Floats]) -> float:
     rest = rest[np.isfinite(rest)]
     # The median is robust against spikes; 0.6745 is the median magnitude of a standard normal number.
     return float(np.median(np.abs(rest)) / 0.6745) ** 2 / 70.0 if rest.size else 0.0
+
+
+def white_spacing(drives: Sequence[DriveData]) -> tuple[int, ...]:
+    """Return for each output how many samples apart its noise is white ``(ny,)``.
+
+    Anti-aliasing filters, interpolation onto a common clock and vibration correlate the noise of consecutive samples. A
+    filter that takes it as white explains its spectrum by process noise and by parameters of the vehicle. Its
+    autocorrelation is the transform of the spectrum (Wiener and Khinchin); at the frequencies of the vehicle's own
+    motion that is continued as it is just above them.
+    """
+    return tuple(_white_spacing(drives, a) for a in range(drives[0].measurements.shape[1]))
+
+
+def _white_spacing(drives: Sequence[DriveData], output: int) -> int:
+    from scipy.signal import welch  # takes longer to import than all else here
+
+    spectrum = np.zeros(_SEGMENT // 2 + 1)
+    for drive in drives:
+        measured = np.flatnonzero(np.isfinite(drive.measurements[:, output]))
+        step = float(np.median(np.diff(drive.time[measured]))) if len(measured) > 1 else 0.0
+        if len(measured) < 2 * _SEGMENT or 2.0 * _MOTION * step >= 0.5:
+            return 1
+        even = np.arange(drive.time[measured[0]], drive.time[measured[-1]], step)
+        signal = np.interp(even, drive.time[measured], drive.measurements[measured, output])
+        frequency, power = welch(signal, 1.0 / step, nperseg=_SEGMENT)
+        above = (frequency >= _MOTION) & (frequency < 2.0 * _MOTION)
+        spectrum += np.where(frequency < _MOTION, np.median(power[above]), power)
+    covariance = np.fft.irfft(spectrum)[: _FARTHEST + 1]
+    if covariance[0] <= 0.0:
+        return 1
+    correlation = np.abs(covariance / covariance[0])
+    largest = [float(correlation[k::k].max()) for k in range(1, _FARTHEST // 2 + 1)]
+    return 1 + next((i for i, c in enumerate(largest) if c <= _WHITE), int(np.argmin(largest)))
+
+
+def thinned(drive: DriveData, spacing: Sequence[int]) -> DriveData:
+    """Return a recording with every so many samples of each output ``(ny,)``; those in between are missing."""
+    measurements = drive.measurements.copy()
+    for column, every in zip(measurements.T, spacing, strict=True):
+        there = np.flatnonzero(np.isfinite(column))
+        column[np.delete(there, np.s_[::every])] = np.nan
+    return replace(drive, measurements=measurements)
