@@ -149,27 +149,39 @@ def learnt(
 
 def _grown(fits: CandidateFits, added: Added, best: FittedHypothesis) -> tuple[Added, FittedHypothesis]:
     """Return a model with what drives show beyond it, effect by effect, and its fit."""
+    refused: set[Hypothesis] = set()
     for number in range(1, _ROUNDS + 1):
-        further = _next(fits, added, best, number)
+        further = _next(fits, added, best, number, refused)
         if further is None or further.fitted is None:
             break
         added, best = fits.joined(added, further.hypothesis), further.fitted
     return added, best
 
 
-def _next(fits: CandidateFits, added: Added, best: FittedHypothesis, number: int) -> Candidate | None:
-    """Return the effect that the drives show most plainly; ``None`` if they show no further one."""
+def _next(
+    fits: CandidateFits, added: Added, best: FittedHypothesis, number: int, refused: set[Hypothesis]
+) -> Candidate | None:
+    """Return the effect that the drives show most plainly; ``None`` if they show no further one.
+
+    What promises most is fitted first, and what does not pass is noted as refused and comes last from then on.
+    """
     current = SelectionRound(fits, added, [best], f"baseline, round {number}")
     current.say("score test of every effect")
     lasting = [h for h in current.open() if not (h.random or h.change_times or h.many)]
     scores = sorted(fits.score_test(best).of(lasting), key=current.predicted_bic_gain, reverse=True)
     current.promised = scores
-    chosen = [s for s in distinct(scores) if current.predicted_bic_gain(s) >= _STRONG][:TRIED]
-    current.fit(chosen)
+    promising = [s for s in distinct(scores) if current.predicted_bic_gain(s) >= _STRONG]
+    promising.sort(key=lambda s: s.hypothesis in refused)
     before = current.before.log_likelihood
-    judged = [current.judged(s) for s in chosen]
-    passing = [c for c in judged if c.bic >= _STRONG and c.held_out and c.held_out.log_likelihood > before]
-    return max(passing, key=lambda c: c.bic, default=None)
+    for first in range(0, len(promising), TRIED):
+        chosen = promising[first : first + TRIED]
+        current.fit(chosen)
+        judged = [current.judged(s) for s in chosen]
+        passing = [c for c in judged if c.bic >= _STRONG and c.held_out and c.held_out.log_likelihood > before]
+        refused.update({s.hypothesis for s in chosen} - {c.hypothesis for c in passing})
+        if passing:
+            return max(passing, key=lambda c: c.bic)
+    return None
 
 
 def about(fitting: Fitting, fitted: FittedHypothesis) -> AugmentedModel:
