@@ -26,7 +26,8 @@ def noise(seed):
 def test_white_noise_on_a_vehicles_motion_is_taken_sample_by_sample(seed):
     seldom = np.where(np.arange(COUNT) % 2, np.nan, MOTION + noise(seed + 50))  # a channel of half the rate
     lost = np.where(np.random.default_rng(seed).random(COUNT) < 0.01, np.nan, MOTION + noise(seed + 20))
-    assert white_spacing(drives_of(MOTION + noise(seed), seldom, lost)) == (1, 1, 1)
+    nearly = noise(seed + 30) + 0.12 * np.roll(noise(seed + 30), 1)
+    assert white_spacing(drives_of(MOTION + noise(seed), seldom, lost, MOTION + nearly)) == (1, 1, 1, 1)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -43,7 +44,7 @@ def test_noise_is_white_at_the_spacing_that_is_returned(seed):
         assert abs(np.corrcoef(own[1:], own[:-1])[0, 1]) > 0.2
         rest = own[::every]
         for lag in range(1, 3):
-            assert abs(np.corrcoef(rest[lag:], rest[:-lag])[0, 1]) < 0.05 + 4.0 / np.sqrt(len(rest))
+            assert abs(np.corrcoef(rest[lag:], rest[:-lag])[0, 1]) < 0.2 + 4.0 / np.sqrt(len(rest))
 
 
 def test_what_is_too_short_slow_or_still_is_taken_as_it_is():
