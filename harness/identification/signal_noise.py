@@ -20,9 +20,12 @@ _ALIKE = 1e-9
 _MOTION = 5.0
 """Hz; beyond it a vehicle hardly follows its steering, and what a signal has is noise."""
 
-_WHITE = 0.15
-"""Correlation of two samples of noise below which they count as independent: of neighbours it makes standard errors a
-seventh too small, and half of the samples would make them two fifths larger."""
+_TOLERABLE = 0.15
+"""Correlation of samples of noise that is left as it is: of neighbours it makes standard errors a seventh too small,
+and half of the samples would make them two fifths larger."""
+
+_WHITE = 0.05
+"""Correlation below which samples count as independent where it is more."""
 
 _FARTHEST = 20
 """Samples over which the noise may be correlated."""
@@ -109,6 +112,8 @@ def _white_spacing(drives: Sequence[DriveData], output: int) -> int:
         return 1
     correlation = np.abs(covariance / covariance[0])
     largest = [float(correlation[k::k].max()) for k in range(1, _FARTHEST // 2 + 1)]
+    if largest[0] <= _TOLERABLE:
+        return 1
     return 1 + next((i for i, c in enumerate(largest) if c <= _WHITE), int(np.argmin(largest)))
 
 
