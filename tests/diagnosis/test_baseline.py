@@ -5,9 +5,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.signal import butter, lfilter
 
 from harness.common.errors import UserError
 from harness.config import resolve_single
+from harness.diagnosis import run
 from harness.diagnosis.criteria import PRIORS
 from harness.diagnosis.fitting import Fitting, KeptFits, ParameterPoint, block_sums
 from harness.diagnosis.model.augmented_model import HeldParameters
@@ -144,6 +146,41 @@ def test_one_earlier_drive_is_refused(tmp_path):
     task = TraceTask(resolve_single(CAR, "test"), [recording], [recording], FREE, (), baseline=(recording,))
     with pytest.raises(UserError, match="baseline: one recording"):
         run_trace(task, tmp_path, None)
+
+
+def test_a_vibrating_accelerometer_is_sampled_where_its_noise_is_white_on_all_days(augmented, monkeypatch):
+    """The earlier drives choose the spacing, and the later ones are taken at the same; other outputs are whole."""
+    vibration = lfilter(*butter(1, (8.0, 13.0), "bandpass", fs=100.0), np.random.default_rng(5).standard_normal(6001))
+
+    def shaken(seed):
+        recording = driven(seed)
+        shaking = recording.assign(lateral_acceleration=recording["lateral_acceleration"] + vibration)
+        return shaking.assign_attrs(name=f"day {seed}")
+
+    seen = {}
+
+    def learnt_from(_, earlier, *rest):
+        seen["earlier"] = earlier
+        return SimpleNamespace(augmented=augmented)
+
+    def traced(_, fitted, held_out, *rest, **options):
+        seen["later"] = [*fitted, *held_out]
+        raise UserError("seen")
+
+    monkeypatch.setattr(run, "learnt", learnt_from)
+    monkeypatch.setattr(run, "trace", traced)
+    days = [shaken(seed) for seed in (1, 2, 3, 4)]
+    task = TraceTask(augmented.spec, days[2:3], days[3:], FREE, (), baseline=tuple(days[:2]))
+    said = []
+    with pytest.raises(UserError, match="seen"):
+        run._since(task, augmented, said.append, None, KeptFits())
+    column = list(augmented.nominal.outputs).index("lateral_acceleration")
+    for drive in (*seen["earlier"], *seen["later"]):
+        there = np.isfinite(drive.measurements)
+        assert set(np.diff(np.flatnonzero(there[:, column]))) == {np.diff(np.flatnonzero(there[:, column]))[0]}
+        assert there[:, column].mean() < 0.5
+        assert np.delete(there, column, axis=1).all()
+    assert any("lateral acceleration" in text for text in said)
 
 
 def test_held_parameters_have_the_covariance_of_the_rest_where_one_is_released():
