@@ -57,7 +57,7 @@ HOW: dict[Callable[[Any, float], Any], tuple[str, tuple[str, ...]]] = {
         "the number itself, of a table or a list each of its numbers",
         (
             *("BIC_NEEDED", "HOPEFUL", "CALM", "ERROR_NEEDED", "EXCESS", "LITTLE", "FARTHER", "FURTHER_CHANGE"),
-            *("HORIZONS", "BLOCK"),
+            *("HORIZONS", "BLOCK", "CORRELATED", "INDEPENDENT"),
             *(
                 "PRIORS.odds",
                 "PRIORS.stated",

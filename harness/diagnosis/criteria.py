@@ -89,6 +89,13 @@ WHITE = 1e-8
 """p-value of the innovations on the held-out drives, below which something is missing whatever the simulation error is.
 With the right structure it is rarely below 1e-4; the margin covers noise variances that are slightly wrong."""
 
+CORRELATED = 0.15
+"""Correlation of the noise of samples beyond which not all of a baseline's are taken: of neighbours it makes standard
+errors a seventh too small, and half of the samples would make them two fifths larger."""
+
+INDEPENDENT = 0.05
+"""Correlation of those that then are taken."""
+
 FARTHER = 4.0
 """Largest ratio of the excess of the simulation to the one expected of a random process; beyond it something else is
 missing. A slow process may well reach twice its standard deviation in a drive, that of a gyroscope that drifts as well

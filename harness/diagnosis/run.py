@@ -26,7 +26,7 @@ from harness.common.failures import Failures
 from harness.common.places import inside
 from harness.common.stages import bar
 from harness.config import ModelSpec
-from harness.diagnosis.criteria import CALM, ROUNDS
+from harness.diagnosis.criteria import CALM, CORRELATED, INDEPENDENT, ROUNDS
 from harness.diagnosis.earlier_trace import EarlierTrace
 from harness.diagnosis.fitting import KeptFits
 from harness.diagnosis.gain_ranges import gain_ranges
@@ -321,7 +321,7 @@ def _since(
     recordings = list(task.baseline)
     named = zip(recordings, names_of(recordings), strict=True)
     recorded = augmented.share(lambda arguments: augmented.drive(*arguments), named)
-    spacing = white_spacing(recorded)
+    spacing = white_spacing(recorded, CORRELATED, INDEPENDENT)
     for output, every in zip(augmented.nominal.outputs, spacing, strict=True):
         if every > 1:
             say(f"baseline: samples of {words(output)} are taken {every} steps apart, where their noise is white")

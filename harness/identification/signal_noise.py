@@ -20,13 +20,6 @@ _ALIKE = 1e-9
 _MOTION = 5.0
 """Hz; beyond it a vehicle hardly follows its steering, and what a signal has is noise."""
 
-_TOLERABLE = 0.15
-"""Correlation of samples of noise that is left as it is: of neighbours it makes standard errors a seventh too small,
-and half of the samples would make them two fifths larger."""
-
-_WHITE = 0.05
-"""Correlation below which samples count as independent where it is more."""
-
 _FARTHEST = 20
 """Samples over which the noise may be correlated."""
 
@@ -82,18 +75,25 @@ def white_variance(signals: Sequence[Floats]) -> float:
     return float(np.median(np.abs(rest)) / 0.6745) ** 2 / 70.0 if rest.size else 0.0
 
 
-def white_spacing(drives: Sequence[DriveData]) -> tuple[int, ...]:
+def white_spacing(drives: Sequence[DriveData], tolerable: float, white: float) -> tuple[int, ...]:
     """Return for each output how many samples apart its noise is white ``(ny,)``; 1 where it is nearly so.
 
     Anti-aliasing filters, interpolation onto a common clock and vibration correlate the noise of consecutive samples. A
     filter that takes it as white explains its spectrum by process noise and by parameters of the vehicle. Its
     autocorrelation is the transform of the spectrum (Wiener and Khinchin); at the frequencies of the vehicle's own
-    motion that is continued as it is just above them.
+    motion that is continued as it is just above them. Drives that are too short or too coarse to show it do not count.
+
+    Args:
+        drives: The recordings, of one step.
+        tolerable: Largest correlation that is left as it is.
+        white: Correlation below which samples are taken where it is more.
     """
-    return tuple(_white_spacing(drives, a) for a in range(drives[0].measurements.shape[1]))
+    spectra = [_noise_spectrum(drives, a) for a in range(drives[0].measurements.shape[1])]
+    return tuple(_spacing(spectrum, tolerable, white) for spectrum in spectra)
 
 
-def _white_spacing(drives: Sequence[DriveData], output: int) -> int:
+def _noise_spectrum(drives: Sequence[DriveData], output: int) -> Floats:
+    """Return the spectrum of the noise of an output, of all drives together ``(frequencies,)``; 0 if none shows it."""
     from scipy.signal import welch  # takes longer to import than all else here
 
     spectrum = np.zeros(_SEGMENT // 2 + 1)
@@ -101,20 +101,25 @@ def _white_spacing(drives: Sequence[DriveData], output: int) -> int:
         measured = np.flatnonzero(np.isfinite(drive.measurements[:, output]))
         step = float(np.median(np.diff(drive.time[measured]))) if len(measured) > 1 else 0.0
         if len(measured) < 2 * _SEGMENT or 2.0 * _MOTION * step >= 0.5:
-            return 1
+            continue
         even = np.arange(drive.time[measured[0]], drive.time[measured[-1]], step)
         signal = np.interp(even, drive.time[measured], drive.measurements[measured, output])
         frequency, power = welch(signal, 1.0 / step, nperseg=_SEGMENT)
         above = (frequency >= _MOTION) & (frequency < 2.0 * _MOTION)
         spectrum += np.where(frequency < _MOTION, np.median(power[above]), power)
+    return spectrum
+
+
+def _spacing(spectrum: Floats, tolerable: float, white: float) -> int:
+    """Return how many samples apart noise of a spectrum is white."""
     covariance = np.fft.irfft(spectrum)[: _FARTHEST + 1]
     if covariance[0] <= 0.0:
         return 1
     correlation = np.abs(covariance / covariance[0])
     largest = [float(correlation[k::k].max()) for k in range(1, _FARTHEST // 2 + 1)]
-    if largest[0] <= _TOLERABLE:
+    if largest[0] <= tolerable:
         return 1
-    return 1 + next((i for i, c in enumerate(largest) if c <= _WHITE), int(np.argmin(largest)))
+    return 1 + next((i for i, c in enumerate(largest) if c <= white), int(np.argmin(largest)))
 
 
 def thinned(drive: DriveData, spacing: Sequence[int]) -> DriveData:

@@ -1,21 +1,34 @@
 """How far apart samples have to be for their noise to be white."""
 
-from types import SimpleNamespace
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
 
+from harness.diagnosis.criteria import CORRELATED, INDEPENDENT
 from harness.identification import signal_noise
-from harness.identification.signal_noise import thinned, white_spacing
+from harness.identification.signal_noise import thinned
 
 STEP, COUNT = 0.01, 12_000
 TIME = np.arange(COUNT) * STEP
 MOTION = np.sin(2 * np.pi * 0.3 * TIME) + 0.3 * np.sin(2 * np.pi * 1.7 * TIME)
 
 
+white_spacing = partial(signal_noise.white_spacing, tolerable=CORRELATED, white=INDEPENDENT)
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What of a recording counts here."""
+
+    time: np.ndarray
+    measurements: np.ndarray
+
+
 def drives_of(*columns):
-    return [SimpleNamespace(time=TIME, measurements=np.column_stack(columns))]
+    return [Drive(TIME[: len(columns[0])], np.column_stack(columns))]
 
 
 def noise(seed):
@@ -54,8 +67,12 @@ def test_what_is_too_short_slow_or_still_is_taken_as_it_is():
     assert white_spacing(drives_of(short, slow, np.zeros(COUNT))) == (1, 1, 1)
 
 
-def test_a_thinned_recording_keeps_every_so_many_of_the_samples_that_it_has(monkeypatch):
-    monkeypatch.setattr(signal_noise, "replace", lambda drive, **changed: SimpleNamespace(**{**vars(drive), **changed}))
+def test_a_short_drive_hides_nothing_of_the_long_ones():
+    between = 0.5 * (noise(3) + np.roll(noise(3), 1))
+    assert white_spacing([*drives_of(noise(4)[:900]), *drives_of(between)]) == (2,)
+
+
+def test_a_thinned_recording_keeps_every_so_many_of_the_samples_that_it_has():
     (drive,) = drives_of(np.arange(COUNT) * 1.0, np.where(np.arange(COUNT) % 2, np.nan, np.arange(COUNT)), MOTION)
     rest = thinned(drive, (3, 2, 1)).measurements
     np.testing.assert_array_equal(np.flatnonzero(np.isfinite(rest[:, 0]))[:4], [0, 3, 6, 9])
