@@ -103,7 +103,7 @@ def next_drive(task: NextDriveOptions) -> None:
             console.print(Text(said), soft_wrap=True)
         raise
     expectation = designed.goal.expectation(designed.plan.evidence)
-    ranked = [f"{t.manoeuvre.name}, {t.seconds:.3g} s: {designed.alone(t).words}" for t in designed.plan.ranked]
+    ranked = [f"{t.manoeuvre.name}, {round(t.seconds, 1):g} s: {designed.alone(t).words}" for t in designed.plan.ranked]
     refused = [
         f"{name}: no drive keeps to the limits and the budget ({why})" for name, why in designed.plan.refused.items()
     ]

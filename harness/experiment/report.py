@@ -30,12 +30,12 @@ def answer(designed: Designed) -> str:
     sequence = [t for t, _ in plan.sequence]
     drives = listed([
         f"{t.manoeuvre.name}{f' {times} times' if times > 1 else ''} "
-        f"({', '.join([f'{t.rehearsed.seconds:.3g} s', *_apart(t, sequence)])})"
+        f"({', '.join([f'{round(t.rehearsed.seconds, 1):g} s', *_apart(t, sequence)])})"
         for t, times in plan.sequence
     ])  # fmt: skip
     expected, now = (goal.expectation(evidence).words for evidence in (plan.evidence, None))
     more = ", which is no more than is expected without them" if expected == now else ""
-    return f"Drive {drives}, {plan.seconds:.3g} s in all; expected: {expected}{more}."
+    return f"Drive {drives}, {round(plan.seconds, 1):g} s in all; expected: {expected}{more}."
 
 
 def _apart(drive: TriedDrive, sequence: Sequence[TriedDrive]) -> list[str]:
@@ -106,7 +106,7 @@ def _for_driver(designed: Designed) -> list[Block]:
             name,
             tried.manoeuvre.standard,
             f"{times}",
-            f"{tried.rehearsed.seconds:.3g}",
+            f"{round(tried.rehearsed.seconds, 1):g}",
             " to ".join(dict.fromkeys(number(3.6 * v) for v in (profile.speed.min(), profile.speed.max()))),
             number(np.degrees(np.abs(profile.steering_wheel_angle).max())),
             number(np.abs(tried.rehearsed.motion.lateral_acceleration).max(initial=0.0)),
@@ -183,11 +183,11 @@ def _expected(expectation: ExpectedOutcome) -> list[Block]:
 def _ranked(designed: Designed) -> list[Block]:
     plan = designed.plan
     rows = [
-        [t.manoeuvre.name, _free(t), f"{t.times}", f"{t.seconds:.3g}", number(max(np.exp(t.value), 1e-12))]
+        [t.manoeuvre.name, _free(t), f"{t.times}", f"{round(t.seconds, 1):g}", number(max(np.exp(t.value), 1e-12))]
         for t in plan.ranked
     ]
     before, after = (np.exp(designed.goal.value(evidence)) for evidence in (None, plan.evidence))
-    rows.append(["the sequence", "", "", f"{plan.seconds:.3g}", number(max(after, 1e-12))])
+    rows.append(["the sequence", "", "", f"{round(plan.seconds, 1):g}", number(max(after, 1e-12))])
     now = number(before) if np.isfinite(before) else "∞"
     caption = (
         f"The best drive of each manoeuvre, repeated alone, for {designed.task.budget:g} s at most. Criterion: "
