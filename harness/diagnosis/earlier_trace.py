@@ -20,14 +20,12 @@ def models_left(content: Mapping[str, Any]) -> int:
 
 
 class EarlierTrace(EarlierResult):
-    """A trace behind which drives were planned that tell its models apart."""
+    """A trace behind which drives were planned that tell its models apart, or show what it could not see."""
 
     FILE: ClassVar[str] = TRACE
     KIND: ClassVar[str] = "trace"
-    EXPECTED: ClassVar[str] = "models"
-    ELSE: ClassVar[str] = (
-        "to determine quantities (--for), not to tell models apart; trace all recordings without --after"
-    )
+    EXPECTED: ClassVar[tuple[str, ...]] = ("models", "limits")
+    ELSE: ClassVar[str] = "behind something else than a trace; trace all recordings without --after"
 
     @classmethod
     def read(cls, result: Path) -> Self:

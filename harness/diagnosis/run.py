@@ -34,9 +34,10 @@ from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import random_processes
 from harness.diagnosis.result.changes import since
 from harness.diagnosis.result.estimator_gain import EstimatorErrors, compile_estimators, estimators_on
-from harness.diagnosis.result.expectation import expectation_met
+from harness.diagnosis.result.expectation import ExpectationMet, expectation_met
 from harness.diagnosis.result.outcome import Outcome, outcome_of
 from harness.diagnosis.result.record import write_outcome
+from harness.diagnosis.result.shown_effects import EffectsShown, effects_shown
 from harness.diagnosis.result.study_gain import REPEATS, StudyGain, refuse_study, study_gain
 from harness.diagnosis.selection.baseline import learnt, of_roads
 from harness.diagnosis.selection.earlier_models import EarlierDrives
@@ -273,11 +274,16 @@ def _with_expectation(outcome: Outcome, task: TraceTask) -> Outcome:
     earlier = task.after
     if earlier is None:
         return outcome
-    met = outcome.failures.attempt(
-        "the comparison with what was expected",
-        lambda: expectation_met(earlier.content, earlier.plan, outcome.posterior, _driven_otherwise(task, earlier)),
-        lambda _: None,
-    )
+
+    def compared() -> ExpectationMet | EffectsShown | None:
+        posterior, otherwise = outcome.posterior, _driven_otherwise(task, earlier)
+        if "models" in earlier.plan["expected"]:
+            return expectation_met(earlier.content, earlier.plan, posterior, otherwise)
+        found = (v for h in outcome.added for v in outcome.values[h.name])
+        inclusion = None if posterior is None else posterior.inclusion()
+        return effects_shown(earlier.plan, outcome.trace.rounds, found, inclusion, otherwise)
+
+    met = outcome.failures.attempt("the comparison with what was expected", compared, lambda _: None)
     return outcome if met is None else replace(outcome, expectation=met, answer=f"{outcome.answer} {met.words}")
 
 

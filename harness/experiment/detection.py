@@ -94,6 +94,7 @@ class DetectionGoal:
             if name not in trace.detectable:
                 raise UserError(f"for: the trace tried no '{name}'{closest(name, list(trace.detectable))}")
         self.limits = {p: limit for name in wanted for p, limit in trace.detectable[name].items()}
+        self._hypotheses = {p: name for name in wanted for p in trace.detectable[name]}
         if there := [p for p in self.limits if p in trace.rivals[0].values]:
             raise UserError(f"for: the likeliest model has '{there[0]}' already; it is no longer to be detected")
         self._set = SeparationGoal(trace, also=self.limits)
@@ -142,7 +143,9 @@ class DetectionGoal:
             unit = self.model.model.parameters[self.model.row(name)].unit
             pair = [_size(v, unit) for v in (was, now)]
             rows.append([words(name), *pair])
-            record[name] = {"unit": unit, "before": float(was), "after": float(now)}
+            record[name] = {
+                "unit": unit, "before": float(was), "after": float(now), "hypothesis": self._hypotheses[name],
+            }  # fmt: skip
             if math.isfinite(now):
                 improved.append(f"{words(name)} from {pair[1]} on, in place of {pair[0]}")
         still = [f"{words(n)}: no drive shows it" for n, now in zip(self.limits, after, strict=True) if np.isinf(now)]

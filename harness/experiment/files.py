@@ -145,18 +145,19 @@ def written_to(designed: Designed, folder: Path) -> list[str]:
 
 
 def once_driven(designed: Designed, folder: Path) -> str:
-    """Return the command that goes on from the drives in a folder, each of them; empty where none does, as of a study.
+    """Return the command that goes on from the drives in a folder, each of them; empty where none does.
 
-    Behind a trace of changes since a baseline all drives are traced again, with that.
+    Behind a trace of changes since a baseline all drives are traced again, with that; a study of no identification has
+    no recordings to go on from.
     """
     after = designed.task.folder if folder == designed.task.folder / FOLDER else folder
     expected = designed.goal.expectation(designed.plan.evidence).record
     driven = sum(times for _, times in designed.plan.sequence)
-    if "models" in expected:
+    if "models" in expected or "limits" in expected:
         if read_json(designed.task.folder / TRACE).get("baseline"):
             return ""
         both = [option for option in ("--train", "--test") for _ in range(driven // 2)]
         return shlex.join(["harness", "trace", "--after", str(after), *(w for o in both for w in (o, "RECORDING"))])
-    if "parameters" in expected and "errors" not in expected:
+    if "parameters" in expected and expected.get("fit", "") is not None:
         return shlex.join(["harness", "identify", "--after", str(after), *(driven * ["--train", "RECORDING"])])
     return ""

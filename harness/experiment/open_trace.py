@@ -16,6 +16,7 @@ from harness.common.errors import UserError
 from harness.common.files import read_text
 from harness.config import ModelSpec
 from harness.diagnosis.earlier_trace import TRACE
+from harness.diagnosis.result.shown_effects import detection_limits
 from harness.experiment.information import fitted_spec
 from harness.models.quantities import words
 
@@ -127,15 +128,11 @@ def read_trace(folder: Path, least: int = 2) -> OpenTrace:
 
 
 def _detectable(candidates: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
-    """Return the last detection limits by hypothesis, and by amplitude where no hypothesis has that name."""
-    limits: dict[str, dict[str, float]] = {}
-    for candidate in sorted(candidates, key=lambda c: c["kind"] == "effect"):  # which has the name where both have it
-        sizes = {n: math.inf if v is None else float(v) for n, v in candidate["detectable"].items()}
-        limits[candidate["name"]] = sizes
-    for sizes in list(limits.values()):
-        for name, size in sizes.items():
-            limits.setdefault(name, {name: size})
-    return limits
+    """Return the detection limits that a trace states; infinite where the drives could show none."""
+    return detection_limits(
+        (c["name"], c["kind"], {n: math.inf if v is None else float(v) for n, v in c["detectable"].items()})
+        for c in candidates
+    )
 
 
 def _rivals(model: dict[str, Any]) -> list[RivalModel]:

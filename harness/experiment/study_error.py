@@ -12,19 +12,23 @@ the error stays whatever is known of it.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from harness.common.arrays import Floats, Mask
 from harness.common.errors import UserError
+from harness.common.files import parse_toml
 from harness.common.registry import closest
 from harness.config import DesignSpec, ModelSpec, StudySpec, resolve_single
 from harness.config.derived import settled
 from harness.config.factors import is_believed
+from harness.config.posterior import read_posterior
 from harness.config.specs import NOISE_SCALES
 from harness.experiment.contract import Evidence, ExpectedOutcome
 from harness.experiment.error_model import SquaredErrorModel, squared_error_model
@@ -32,6 +36,7 @@ from harness.experiment.information import open_covariance
 from harness.experiment.manoeuvres import LEAD_IN
 from harness.experiment.rehearsal import Rehearsed
 from harness.identification.coordinates import Coordinates
+from harness.identification.earlier_result import EarlierResult
 from harness.identification.filtered_model import Candidates
 from harness.identification.innovations import Innovations
 from harness.identification.uncertainty import covariance_of
@@ -39,7 +44,7 @@ from harness.models.quantities import Quantity, listed, words
 from harness.reporting.style import percent, with_unit
 from harness.study.design import points
 from harness.study.results import Design, read
-from harness.study.stored import study_of
+from harness.study.stored import attributes_of, places_near, study_of
 
 SCORES = "scores.zarr"
 
@@ -96,6 +101,7 @@ class StudiedErrors:
         spec: The vehicle with the mean values of the design.
         design: Its design.
         others: Names of further populations of the study, which were not asked for.
+        fit: Folder of the identification whose posterior the design is, if it is one.
         errors: Of estimators and targets that count.
         spread: Standard deviation of each factor, SI ``(n,)``.
         means: Of each factor, SI ``(n,)``.
@@ -113,6 +119,7 @@ class StudiedErrors:
     correlation: Floats
     believed: Mask
     others: tuple[str, ...] = ()
+    fit: Path | None = None
 
     @property
     def names(self) -> list[str]:
@@ -161,7 +168,23 @@ def read_study(folder: Path, wanted: Mapping[str, float]) -> StudiedErrors:
     spec = _with(study.plant, slim, means)
     correlation = np.corrcoef(values.T).reshape(len(spread), len(spread))
     others = tuple(name for name in populations if name != chosen.name)
-    return StudiedErrors(spec, slim, errors, spread, means, values[vehicles], correlation, believed, others)
+    fit = _fit_behind(folder, chosen)
+    return StudiedErrors(spec, slim, errors, spread, means, values[vehicles], correlation, believed, others, fit)
+
+
+def _fit_behind(folder: Path, design: DesignSpec) -> Path | None:
+    """Return the folder of the identification whose estimates a design has; none of tolerances, samples and traces."""
+    content = parse_toml(str(attributes_of(folder).get("study", "")), f"{folder}: the study")
+    name = next((d.get("posterior") for d in content.get("design", ()) if d.get("name") == design.name), None)
+    nominal = {f.parameter: f.nominal for f in design.factors}
+    for place in () if name is None else places_near(folder):
+        with contextlib.suppress(UserError):
+            posterior = read_posterior(name, place, str(folder))
+            of_fit = [n for n in posterior.names if n in nominal]
+            same = all(nominal[n] == v for n, v in zip(posterior.names, posterior.values, strict=True) if n in nominal)
+            if posterior.file.name == EarlierResult.FILE and of_fit and same:
+                return posterior.file.parent
+    return None
 
 
 def _populations(study: StudySpec, folder: Path) -> dict[str, DesignSpec]:
@@ -344,6 +367,7 @@ class StudyGoal:
                     "weight": e.weight,
                     "explained": e.model.explained,
                     "rmse": {"before": e.now, "after": float(then), "known": float(least)},
+                    "square": self._square(e.model),
                 }
             )
         said = [
@@ -361,10 +385,22 @@ class StudyGoal:
         return ExpectedOutcome(
             words=f"over the vehicles of design '{studied.design.name}' {listed(said)}",
             open=(*self._open(covariance), *self._cautions()),
-            record={"design": studied.design.name, "errors": record, "parameters": parameters},
+            record={
+                "design": studied.design.name,
+                "fit": None if studied.fit is None else str(studied.fit),
+                "errors": record,
+                "parameters": parameters,
+            },
             header=["error (RMSE)", "now", "expected", "with known parameters"],
             rows=rows,
         )
+
+    def _square(self, model: SquaredErrorModel) -> dict[str, Any]:
+        """Return a mean square error, SI, over the covariance of what estimators believe, in deviations of now."""
+        free = ~self.studied.believed
+        fixed = model.curvature * np.outer(free, free)
+        floor = model.floor + float(np.sum(fixed * self.studied.correlation))
+        return {"floor": floor, "curvature": (model.curvature - fixed).tolist()}
 
     def _open(self, covariance: Floats) -> list[str]:
         """Return which parameters the expected errors still hang on."""

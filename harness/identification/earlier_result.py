@@ -43,7 +43,7 @@ class EarlierResult:
 
     Attributes:
         FILE, KIND: Its file, and what it is.
-        EXPECTED, ELSE: Key of what a plan behind it expects, and for what one without is planned.
+        EXPECTED, ELSE: Keys of what a plan behind it expects, and for what one without is planned.
         folder: Of the result.
         content: Of its file.
         plan: Of ``next_drive.json``.
@@ -52,7 +52,7 @@ class EarlierResult:
 
     FILE: ClassVar[str] = "identify.json"
     KIND: ClassVar[str] = "identification"
-    EXPECTED: ClassVar[str] = "parameters"
+    EXPECTED: ClassVar[tuple[str, ...]] = ("parameters",)
     ELSE: ClassVar[str] = "for something else than standard errors of parameters; fit all recordings without --after"
 
     folder: Path
@@ -74,17 +74,25 @@ class EarlierResult:
         if file is None:
             raise UserError(f"{result}: holds no {FOLDER}/{PLAN}; plan drives first: harness next-drive {result}")
         plan = read_json(file)
-        stated = Path(str(plan.get("result", "")))  # in the folder in which it was planned: one above, if not this one
+        expected = plan.get("expected")
+        of_study = isinstance(expected, dict) and "errors" in expected
+        behind = expected.get("fit") if of_study else plan.get("result", "")
+        if behind is None:
+            raise UserError(
+                f"{file}: the drives are planned behind a study whose vehicles are of no fit of harness identify that "
+                "is there as it was; fit the parameters without --after, state that fit as the posterior of the "
+                "design, and run the study again"
+            )
+        stated = Path(str(behind))  # in the folder in which it was planned: one above, if not this one
         bases = (Path(), *file.resolve().parents)
         folders = (file.parent, file.parent.parent, *(base / stated for base in bases), bases[2])
         folder = next((f for f in folders if (f / cls.FILE).is_file()), None)
-        expected = plan.get("expected")
         if folder is None or not isinstance(expected, dict):
             raise UserError(f"{file}: the drives are planned behind no {cls.KIND} whose {cls.FILE} is there")
         content = read_json(folder / cls.FILE)
         if "asked" not in content:
             raise UserError(f"{folder / cls.FILE}: an earlier version wrote it; run the {cls.KIND} and plan again")
-        if cls.EXPECTED not in expected:
+        if not any(key in expected for key in cls.EXPECTED):
             raise UserError(f"{file}: the drives are planned {cls.ELSE}")
         return cls(folder, content, plan, file.parent)
 

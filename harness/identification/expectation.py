@@ -1,4 +1,4 @@
-"""Standard errors that were expected behind planned drives against those that came."""
+"""Errors that were expected behind planned drives against those that came."""
 
 from __future__ import annotations
 
@@ -7,9 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from harness.common.arrays import Floats
 from harness.config import ModelSpec
 from harness.identification.contract import Estimate
 from harness.models.quantities import listed, print_unit, words
+from harness.models.signals import SIGNALS
 from harness.reporting.style import number
 
 _AS_EXPECTED = 0.2
@@ -18,14 +22,14 @@ _AS_EXPECTED = 0.2
 
 @dataclass(frozen=True)
 class ReachedError:
-    """The standard error of a parameter behind planned drives.
+    """An error behind planned drives: the standard error of a parameter, a detection limit, an estimator's error.
 
     Attributes:
-        name: Of the parameter.
+        name: Of what it is the error.
         unit: SI unit.
         before: Before the drives; infinite if nothing was known.
         expected: By the plan; that of a positive parameter in proportion to the value of now.
-        reached: Of the fit with the drives; NaN if its method states none.
+        reached: With the drives; NaN if it is not stated.
     """
 
     name: str
@@ -38,6 +42,18 @@ class ReachedError:
     def ratio(self) -> float:
         """Reached over expected one."""
         return self.reached / self.expected
+
+    @property
+    def words(self) -> str:
+        """As it is reached, in brackets as it was expected and before."""
+        reached = f"{number(self.reached)} {print_unit(self.unit)}".rstrip()
+        return f"{reached} (expected {number(self.expected)}, before {number(self.before)})"
+
+    @property
+    def record(self) -> dict[str, float | None]:
+        """All numbers; ``None`` where one is not finite."""
+        values = {key: getattr(self, key) for key in ("before", "expected", "reached", "ratio")}
+        return {key: value if math.isfinite(value) else None for key, value in values.items()}
 
 
 def reached_errors(plan: Mapping[str, Any], estimates: Sequence[Estimate], spec: ModelSpec) -> tuple[ReachedError, ...]:
@@ -61,8 +77,37 @@ def reached_errors(plan: Mapping[str, Any], estimates: Sequence[Estimate], spec:
     return tuple(reached)
 
 
+def reached_rmse(
+    plan: Mapping[str, Any], estimates: Sequence[Estimate], correlation: Floats
+) -> tuple[ReachedError, ...]:
+    """Return the errors of estimators that believe a fit; of a plan behind a study, by the regression of that.
+
+    A parameter that is not fitted is as little known as before.
+
+    Args:
+        plan: ``next_drive.json``.
+        estimates: Of the fit with the drives.
+        correlation: Of them ``(n, n)``; empty if the method states none.
+    """
+    factors, fitted = plan["expected"]["parameters"], {e.name: i for i, e in enumerate(estimates)}
+    rows = [k for k, name in enumerate(factors) if name in fitted]
+    taken = [fitted[name] for name in factors if name in fitted]
+    spread = np.array([entry["standard_error"]["before"] for entry in factors.values()])
+    shares = np.array([estimates[i].error for i in taken]) / spread[rows]
+    covariance = np.eye(len(spread))
+    known = correlation[np.ix_(taken, taken)] if correlation.size else np.nan
+    covariance[np.ix_(rows, rows)] = known * np.outer(shares, shares)
+    reached = []
+    for e in plan["expected"]["errors"]:
+        name, unit = f"{words(e['target'])} with {e['estimator']}", SIGNALS[e["target"]].unit
+        square = e["square"]["floor"] + float(np.sum(np.array(e["square"]["curvature"]) * covariance))
+        now, then = e["rmse"]["before"], e["rmse"]["after"]
+        reached.append(ReachedError(name, unit, now, then, math.sqrt(min(max(square, 0.0), now**2))))
+    return tuple(reached)
+
+
 def verdict_of(reached: Sequence[ReachedError], otherwise: str = "") -> str:
-    """Return ``as expected``, ``larger`` or ``smaller``: that of the parameter that is furthest off.
+    """Return ``as expected``, ``larger`` or ``smaller``: that of the one that is furthest off.
 
     ``not stated`` where there are no errors, ``not compared`` where it is said why something else was driven.
     """
@@ -76,40 +121,37 @@ def verdict_of(reached: Sequence[ReachedError], otherwise: str = "") -> str:
     return "smaller" if min(ratios) < 1.0 - _AS_EXPECTED else "as expected"
 
 
-def in_words(reached: Sequence[ReachedError], otherwise: str = "") -> str:
-    """Return the same in a sentence; empty where no drives were planned."""
+TOLD = {
+    "as expected": "The planned drives told what was expected",
+    "larger": "The planned drives told less than was expected",
+    "smaller": "The planned drives told more than was expected",
+    "not stated": "Whether the planned drives told what was expected cannot be said",
+}
+"""Verdicts in words."""
+
+NOT_COMPARED = "What was expected of the planned drives is not compared"
+
+
+def in_words(reached: Sequence[ReachedError], otherwise: str = "", rmse: Sequence[ReachedError] = ()) -> str:
+    """Return the same in sentences, with the errors of estimators by a study; empty where no drives were planned."""
     if not reached:
         return ""
     if otherwise:
-        return f"What was expected of the planned drives is not compared: {otherwise}."
-    verdict = {
-        "as expected": "The planned drives told what was expected",
-        "larger": "The planned drives told less than was expected",
-        "smaller": "The planned drives told more than was expected",
-        "not stated": "Whether the planned drives told what was expected this method cannot say",
-    }[verdict_of(reached)]
-    errors = listed([
-        f"that of {words(r.name)} is {number(r.reached)} {print_unit(r.unit)}".rstrip()
-        + f" (expected {number(r.expected)}, before {number(r.before)})"
-        for r in reached
-    ])  # fmt: skip
-    return f"{verdict}: of the standard errors {errors}."
+        return f"{NOT_COMPARED}: {otherwise}."
+    errors = listed([f"that of {words(r.name)} is {r.words}" for r in reached])
+    said = f"{TOLD[verdict_of([*reached, *rmse])]}: of the standard errors {errors}."
+    return f"{said} By the study then off (RMSE): {listed([f'{r.name} by {r.words}' for r in rmse])}." if rmse else said
 
 
-def record_of_errors(reached: Sequence[ReachedError], otherwise: str = "") -> dict[str, Any] | None:
+def record_of_errors(
+    reached: Sequence[ReachedError], otherwise: str = "", rmse: Sequence[ReachedError] = ()
+) -> dict[str, Any] | None:
     """Return the content of ``after`` in ``identify.json``."""
     if not reached:
         return None
+    by_key = {"standard_errors": reached, "errors": rmse}
     return {
-        "verdict": verdict_of(reached, otherwise),
-        "words": in_words(reached, otherwise),
-        "standard_errors": [
-            {"name": r.name, "unit": r.unit}
-            | {
-                key: value if math.isfinite(value) else None
-                for key in ("before", "expected", "reached", "ratio")
-                for value in [getattr(r, key)]
-            }
-            for r in reached
-        ],
+        "verdict": verdict_of([*reached, *rmse], otherwise),
+        "words": in_words(reached, otherwise, rmse),
+        **{key: [{"name": r.name, "unit": r.unit, **r.record} for r in rows] for key, rows in by_key.items()},
     }

@@ -24,7 +24,7 @@ from harness.config.parameter_set import load_set
 from harness.identification.contract import Fit, Problem, load_method, settings_of
 from harness.identification.data import DriveData, refuse_the_same, steered, step_of
 from harness.identification.earlier_result import EarlierResult, record_of_recordings
-from harness.identification.expectation import reached_errors, record_of_errors
+from harness.identification.expectation import reached_errors, reached_rmse, record_of_errors
 from harness.identification.free_run import blocks
 from harness.identification.innovations import Innovations
 from harness.identification.measured_file import finely, fitted_parameters, names_of, refuse_repeated
@@ -161,9 +161,11 @@ def fit_recordings(task: FitTask, say: Callable[[str], None] = lambda _: None) -
     fit = method.identify(problem, settings, lambda text: say(f"{task.method}: {text}"))
     fit = replace(fit, asked=task.asked(settings))
     if task.after is not None:
-        reached = reached_errors(task.after.plan, fit.estimates, fit.spec)
-        otherwise = driven_otherwise(task.after.driven_since(task.train), task.after.place, task.after.plan)
-        fit = replace(fit, planned=record_of_errors(reached, otherwise))
+        plan = task.after.plan
+        reached = reached_errors(plan, fit.estimates, fit.spec)
+        otherwise = driven_otherwise(task.after.driven_since(task.train), task.after.place, plan)
+        rmse = reached_rmse(plan, fit.estimates, fit.correlation) if "errors" in plan["expected"] else ()
+        fit = replace(fit, planned=record_of_errors(reached, otherwise, rmse))
     return Fitted(problem, fit, tuple(drives[len(task.train) :]), recording_warnings(recordings))
 
 

@@ -49,7 +49,7 @@ def study_of(folder: Path, beside: Path | None = None) -> StudySpec:
     name, text = str(attributes.get("study_name", "study")), attributes.get("self_contained_study")
     content = parse_toml(str(text or attributes.get("study", "")), f"{folder}: the study")
     said = ""
-    for place in _places(folder, beside):
+    for place in places_near(folder, beside):
         path = place / f"{name}.toml"
         try:
             study = build_study(content, path)
@@ -70,7 +70,7 @@ def study_of(folder: Path, beside: Path | None = None) -> StudySpec:
     )
 
 
-def _places(folder: Path, beside: Path | None) -> list[Path]:
+def places_near(folder: Path, beside: Path | None = None) -> list[Path]:
     """Return the folders in which files that a study names are looked for: its own, near the result, and here."""
     project = locations.project()
     near = [] if is_url(folder) else [p for above in folder.absolute().parents[:2] for p in (above, above / "studies")]

@@ -22,6 +22,7 @@ from harness.reporting.style import number
 from support.identification import CAR
 
 FREE = ["stiffness_over_load_front", "mass_over_inertia"]
+RECORDED = " --train RECORDING"
 
 
 @pytest.fixture(scope="module")
@@ -77,8 +78,9 @@ def test_drives_are_planned_written_and_taken(fit, tmp_path):
     [
         ({"models": {}}, None, "harness trace --after results/truck --train RECORDING --test RECORDING"),
         ({"models": {}}, {"drives": ["monday"]}, ""),  # neither of these does --after take
-        ({"limits": {}}, None, ""),
-        ({"parameters": {}, "errors": []}, None, ""),  # of a study
+        ({"limits": {}}, None, "harness trace --after results/truck --train RECORDING --test RECORDING"),
+        ({"parameters": {}, "errors": [], "fit": None}, None, ""),  # of a study of tolerances
+        ({"parameters": {}, "errors": [], "fit": "f"}, None, "harness identify --after results/truck" + 2 * RECORDED),
     ],
 )
 def test_how_a_trace_goes_on_from_the_drives_is_said(record, baseline, line, tmp_path, monkeypatch):
@@ -91,7 +93,7 @@ def test_how_a_trace_goes_on_from_the_drives_is_said(record, baseline, line, tmp
     assert once_driven(designed, Path("results/truck/next-drive")) == line
     assert once_driven(designed, Path("weave")) == line.replace("results/truck", "weave")
     plan.sequence = [(None, 2), (None, 4)]
-    assert once_driven(designed, Path("weave")).count("--test RECORDING") == (3 if line else 0)
+    assert once_driven(designed, Path("weave")).count("--test RECORDING") == (3 if "--test" in line else 0)
 
 
 def test_drives_of_one_manoeuvre_are_told_apart_and_the_wheel_stands_at_tenths_of_a_degree(fit, tmp_path):

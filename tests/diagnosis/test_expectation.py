@@ -17,7 +17,7 @@ from harness.diagnosis.criteria import HORIZONS
 from harness.diagnosis.earlier_trace import EarlierTrace, models_left
 from harness.diagnosis.measured_study import trace_study
 from harness.diagnosis.model.hypotheses import Hypothesis
-from harness.diagnosis.result.expectation import expectation_met, record_of_expectation
+from harness.diagnosis.result.expectation import expectation_met
 from harness.diagnosis.run import _driven_otherwise
 from harness.diagnosis.selection.posterior import Alike, ComparedModel, Posterior
 from harness.identification.earlier_result import record_of_recordings, with_absolute_paths
@@ -83,7 +83,7 @@ def test_a_ratio_is_compared_with_its_normal_distribution():
     assert "nothing added was not fitted" in nothing.words  # and is not out of the question therefore
     assert found.verdict == "as expected"
     assert found.stands
-    record = json.loads(json.dumps(record_of_expectation(found), default=str))
+    record = json.loads(json.dumps(found.record, default=str))
     assert record["probability"] == {"before": 0.6, "expected": 0.97, "realised": 0.98}
     assert record["stands"] == {"expected": 0.9, "realised": True}
 
@@ -153,7 +153,7 @@ def test_other_drives_than_planned_are_compared_with_no_expectation():
     found = expectation_met(EARLIER, PLAN, Posterior(models, 0.01, np.zeros(len(HORIZONS))), "calm is not as planned")
     assert (found.verdict, found.ratios) == ("not compared", ())
     assert "calm is not as planned" in found.words
-    assert record_of_expectation(found)["log_likelihood_ratios"] == []
+    assert found.record["log_likelihood_ratios"] == []
 
 
 def recording(path, seed):
@@ -247,8 +247,10 @@ def test_the_confusable_set_is_handed_on_with_its_estimates(earlier):
 def test_what_is_no_plan_behind_a_trace_is_refused(earlier, tmp_path):
     plan = earlier / "next-drive" / "next_drive.json"
     plan.write_text(json.dumps({"result": str(earlier), "expected": {"parameters": {}}}))
-    with pytest.raises(UserError, match="--for"):
+    with pytest.raises(UserError, match="behind something else than a trace"):
         EarlierTrace.read(earlier)
+    plan.write_text(json.dumps({"result": str(earlier), "expected": {"limits": {}}}))
+    assert EarlierTrace.read(earlier).plan["expected"] == {"limits": {}}
     plan.write_text(json.dumps({"result": str(earlier), "expected": None}))
     with pytest.raises(UserError, match="planned behind no trace"):
         EarlierTrace.read(earlier)

@@ -5,6 +5,7 @@ import math
 import shutil
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -14,7 +15,7 @@ from harness.config import resolve_single
 from harness.identification.common_step import at_common_step
 from harness.identification.contract import Estimate
 from harness.identification.earlier_result import EarlierResult, record_of_recordings
-from harness.identification.expectation import in_words, reached_errors, record_of_errors, verdict_of
+from harness.identification.expectation import in_words, reached_errors, reached_rmse, record_of_errors, verdict_of
 from harness.recordings import load_recording
 from harness.recordings.read.write import write_recording
 from support.identification import CAR, model_of, recorded
@@ -180,7 +181,10 @@ def test_what_is_no_plan_behind_a_fit_is_refused(results, tmp_path):
         EarlierResult.read(tmp_path)
     (tmp_path / "identify.json").write_text((results / "fit" / "identify.json").read_text())
     assert EarlierResult.read(tmp_path).free == tuple(FREE.split(","))
-    (tmp_path / "next_drive.json").write_text(json.dumps({"result": "", "expected": {"errors": {}}}))
+    (tmp_path / "next_drive.json").write_text(json.dumps({"result": "", "expected": {"errors": [], "fit": None}}))
+    with pytest.raises(UserError, match="behind a study whose vehicles are of no fit"):
+        EarlierResult.read(tmp_path)
+    (tmp_path / "next_drive.json").write_text(json.dumps({"result": "", "expected": {"limits": {}}}))
     with pytest.raises(UserError, match="for something else than standard errors"):
         EarlierResult.read(tmp_path)
 
@@ -215,3 +219,28 @@ def test_errors_are_compared_in_proportion_to_positive_parameters():
     assert record_of_errors(reached)["standard_errors"][1]["ratio"] is None
     assert "stiffness over load front is 2.10 1/rad (expected 2.00, before ∞)" in in_words(reached[:1])
     assert record_of_errors(()) is None
+
+
+def test_the_errors_of_estimators_follow_from_the_covariance_that_is_reached():
+    """Of ``1 + 8 x^2 + 2 x y`` in standard deviations of now; what is not fitted is as unknown as before."""
+    front, rear, other = "stiffness_over_load_front", "stiffness_over_load_rear", "mass_over_inertia"
+    plan = plan_of(**{front: (8.0, 2.0, 1.0), rear: (8.0, 4.0, 1.0), other: (1.0, 0.5, 0.5)})
+    curvature = [[8.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 3.0]]
+    rmse = {"before": 4.0, "after": 2.5, "known": 1.0}
+    error = {"estimator": "EKF", "target": "yaw_rate", "rmse": rmse, "square": {"floor": 1.0, "curvature": curvature}}
+    plan["expected"]["errors"] = [error]
+    found = [Estimate(rear, "1/rad", 8.0, 8.0, 2.0), Estimate(front, "1/rad", 8.0, 8.0, 1.0)]
+    correlation = np.array([[1.0, -0.5], [-0.5, 1.0]])
+    (reached,) = reached_rmse(plan, found, correlation)
+    # 8 (1/2)^2 + 2 (-0.5) (1/2) (2/4) + 3
+    assert reached.reached == pytest.approx(math.sqrt(1.0 + 2.0 - 0.25 + 3.0))
+    assert (reached.before, reached.expected, reached.unit) == (4.0, 2.5, "rad/s")
+    errors = reached_errors(plan, found, resolve_single(CAR, "test"))
+    assert "yaw rate with EKF by 2.40 rad/s (expected 2.50, before 4.00)" in in_words(errors[:1], rmse=[reached])
+    (kept,) = record_of_errors(errors, rmse=[reached])["errors"]
+    assert kept["ratio"] == pytest.approx(reached.reached / 2.5)
+    (worse,) = reached_rmse(plan, [replace(e, error=9.0) for e in found], correlation)
+    assert worse.reached == 4.0  # no estimator is worse off than before
+    (unknown,) = reached_rmse(plan, [replace(e, error=math.nan) for e in found], np.zeros((0, 0)))
+    assert math.isnan(unknown.reached)
+    assert verdict_of([replace(reached, reached=4.0)]) == "larger"

@@ -8,6 +8,7 @@ from harness.diagnosis.model.hypotheses import called
 from harness.diagnosis.report.probabilities import scaled
 from harness.diagnosis.result.answer import in_words
 from harness.diagnosis.result.outcome import Outcome
+from harness.diagnosis.result.shown_effects import EffectsShown
 from harness.models.quantities import listed, words
 from harness.reporting import style
 from harness.reporting.document import Block, Prose, Sheet, plain
@@ -49,6 +50,8 @@ def expectation(outcome: Outcome) -> list[Block]:
     met = outcome.expectation
     if met is None:
         return []
+    if isinstance(met, EffectsShown):
+        return [Prose(plain(met.words))]
     rows = [
         [
             r.rival,

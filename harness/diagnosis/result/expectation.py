@@ -9,6 +9,7 @@ from itertools import zip_longest
 from typing import Any
 
 from harness.diagnosis.selection.posterior import ComparedModel, Posterior
+from harness.identification.expectation import NOT_COMPARED
 from harness.models.quantities import listed, words
 from harness.reporting.style import number, probability
 
@@ -112,7 +113,7 @@ class ExpectationMet:
     def words(self) -> str:
         """The same in sentences."""
         if self.otherwise:
-            return f"What was expected of the planned drives is not compared: {self.otherwise}."
+            return f"{NOT_COMPARED}: {self.otherwise}."
         verdict = {
             "as expected": "The planned drives told what was expected",
             "less": "The planned drives told less than was expected",
@@ -130,6 +131,30 @@ class ExpectationMet:
             f"{probability(self.expected)}, before {probability(self.before)}); its log likelihood ratio {ratios}."
             f"{shows}"
         )
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """Content of ``after`` in ``trace.json``."""
+        return {
+            "verdict": self.verdict,
+            "words": self.words,
+            "leading": self.leading,
+            "probability": {"before": self.before, "expected": self.expected, "realised": self.realised},
+            "stands": {"expected": self.expected_to_stand, "realised": self.stands},
+            "likeliest": self.leading if self.likeliest is None else self.likeliest,
+            "none_of_these": dict(zip(("before", "now"), self.none, strict=True)),
+            "log_likelihood_ratios": [
+                {
+                    "rival": r.rival,
+                    "expected": r.expected,
+                    "deviation": r.deviation,
+                    "realised": r.realised,
+                    "z": r.z,
+                    "words": r.words,
+                }
+                for r in self.ratios
+            ],
+        }
 
 
 def expectation_met(
@@ -225,29 +250,3 @@ def named(model: ComparedModel) -> str:
     """Return what a model has beyond the nominal one, in words."""
     names = [words(alike.hypotheses[0].name.replace("@", " ")) for alike in model.added]
     return " and ".join(names) or "nothing added"
-
-
-def record_of_expectation(met: ExpectationMet | None) -> dict[str, Any] | None:
-    """Return the content of ``after`` in ``trace.json``."""
-    if met is None:
-        return None
-    return {
-        "verdict": met.verdict,
-        "words": met.words,
-        "leading": met.leading,
-        "probability": {"before": met.before, "expected": met.expected, "realised": met.realised},
-        "stands": {"expected": met.expected_to_stand, "realised": met.stands},
-        "likeliest": met.leading if met.likeliest is None else met.likeliest,
-        "none_of_these": dict(zip(("before", "now"), met.none, strict=True)),
-        "log_likelihood_ratios": [
-            {
-                "rival": r.rival,
-                "expected": r.expected,
-                "deviation": r.deviation,
-                "realised": r.realised,
-                "z": r.z,
-                "words": r.words,
-            }
-            for r in met.ratios
-        ],
-    }

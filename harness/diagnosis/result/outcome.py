@@ -36,6 +36,7 @@ from harness.diagnosis.result.claims import (
 from harness.diagnosis.result.confounded import Direction, confounded
 from harness.diagnosis.result.estimator_gain import EstimatorErrors, fitted_model
 from harness.diagnosis.result.expectation import ExpectationMet
+from harness.diagnosis.result.shown_effects import EffectsShown
 from harness.diagnosis.result.study_gain import StudyGain
 from harness.diagnosis.selection.acceptance import ends_at_bound, strayed
 from harness.diagnosis.selection.baseline import Baseline
@@ -126,7 +127,7 @@ class Outcome:
     baseline: Baseline | None = None
     changes: tuple[Change, ...] = ()
     asked: Mapping[str, Any] = field(default_factory=dict)
-    expectation: ExpectationMet | None = None
+    expectation: ExpectationMet | EffectsShown | None = None
 
     @property
     def cautions(self) -> tuple[str, ...]:

@@ -22,7 +22,6 @@ from harness.diagnosis.residuals.unmodelled import UnmodelledDisturbance
 from harness.diagnosis.result.answer import described
 from harness.diagnosis.result.changes import record_of_changes, sizes_of
 from harness.diagnosis.result.confounded import Direction
-from harness.diagnosis.result.expectation import record_of_expectation
 from harness.diagnosis.result.mixture import study_of
 from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.result.posterior_record import ESTIMATE, record_of_confusable, record_of_posterior
@@ -75,7 +74,7 @@ def _search(outcome: Outcome) -> dict[str, Callable[[], Any]]:
         "discrepancy": lambda: _discrepancy(outcome),
         "baseline": lambda: record_of_changes(outcome),
         "asked": lambda: dict(outcome.asked),
-        "after": lambda: record_of_expectation(outcome.expectation),
+        "after": lambda: None if outcome.expectation is None else outcome.expectation.record,
         "unnamed": lambda: unmodelled_record(outcome.localisation.unmodelled),
         "rounds": lambda: [_round(r, outputs) for r in trace.rounds],
         "posterior": lambda: record_of_posterior(outcome.posterior),
@@ -252,7 +251,7 @@ def _candidate(c: Candidate, number: int, outputs: list[str]) -> dict[str, Any]:
         "held_out_log_likelihood": c.held_out.log_likelihood if c.held_out else None,
         "held_out_excess": c.held_out.normalised_excess_mse if c.held_out else None,
         "held_out_excess_by_output": _by_output(c.held_out, outputs) if c.held_out else None,
-        "detectable": {a: 3.0 * e for a, e in zip(h.amplitudes, c.score.error, strict=True)},
+        "detectable": c.detectable,
     }
 
 

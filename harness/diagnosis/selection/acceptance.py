@@ -44,6 +44,11 @@ class Candidate:
         """What was tried."""
         return self.score.hypothesis
 
+    @property
+    def detectable(self) -> dict[str, float]:
+        """Detection limit of each amplitude: three standard errors; infinite where the drives could show none."""
+        return {a: 3.0 * float(e) for a, e in zip(self.hypothesis.amplitudes, self.score.error, strict=True)}
+
 
 @dataclass(frozen=True)
 class Round:
