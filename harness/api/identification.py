@@ -48,9 +48,9 @@ def identify(
         settings: Of the method.
         seed: Of the method's random numbers; 0 by default.
         jobs: Threads; all cores by default.
-        after: Folder of an earlier identification behind which drives were planned (``harness.next_drive``). Its
-            recordings are added to those that are stated, what else is not stated is its own, and the answer says
-            whether the standard errors are as expected.
+        after: Folder of an earlier identification behind which drives were planned (``harness.next_drive``), or of a
+            study of its posterior. Its recordings are added to those that are stated, what else is not stated is its
+            own, and the answer says whether the errors are as expected.
 
     Returns:
         What was found.

@@ -279,9 +279,9 @@ def _with_expectation(outcome: Outcome, task: TraceTask) -> Outcome:
         posterior, otherwise = outcome.posterior, _driven_otherwise(task, earlier)
         if "models" in earlier.plan["expected"]:
             return expectation_met(earlier.content, earlier.plan, posterior, otherwise)
-        found = (v for h in outcome.added for v in outcome.values[h.name])
+        found = {h: outcome.values[h.name] for h in outcome.added}
         inclusion = None if posterior is None else posterior.inclusion()
-        return effects_shown(earlier.plan, outcome.trace.rounds, found, inclusion, otherwise)
+        return effects_shown(earlier.content, earlier.plan, outcome.trace.rounds, found, inclusion, otherwise)
 
     met = outcome.failures.attempt("the comparison with what was expected", compared, lambda _: None)
     return outcome if met is None else replace(outcome, expectation=met, answer=f"{outcome.answer} {met.words}")

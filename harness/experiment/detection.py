@@ -101,7 +101,6 @@ class DetectionGoal:
         self._set.refuse_lacking(self.limits)
         self.model, self.versions = self._set.model, self._set.versions
         self._likeliest = LikeliestModel(self._set, self.limits)
-        self.rows = range(self._likeliest.own, self._likeliest.own + len(self.limits))
         known = np.array([0.0 if not math.isfinite(v) else v**-2.0 for v in self.limits.values()])
         self.before = np.diag(known)
 
@@ -124,12 +123,21 @@ class DetectionGoal:
     def covariance(self, evidence: Evidence | None, least: float = 0.0) -> Floats:
         """Return the covariance of the amplitudes over their share in a limit ``(amplitudes, amplitudes)``.
 
+        A trace tries one hypothesis at a time, so that amplitudes of others are none.
+
         Args:
             evidence: Of drives.
             least: Information on each amplitude besides.
         """
-        more = 0.0 if evidence is None else 0.5 * marginal(evidence[0], self.rows)
-        return open_covariance(self.before + more + least * np.eye(len(self.limits)), range(len(self.limits)))
+        covariance, own = np.zeros_like(self.before), self._likeliest.own
+        for name in set(self._hypotheses.values()):
+            rows = [i for i, p in enumerate(self.limits) if self._hypotheses[p] == name]
+            information = self.before[np.ix_(rows, rows)] + least * np.eye(len(rows))
+            if evidence is not None:
+                kept = [*range(own), *(own + i for i in rows)]
+                information = information + 0.5 * marginal(evidence[0][np.ix_(kept, kept)], range(own, len(kept)))
+            covariance[np.ix_(rows, rows)] = open_covariance(information, range(len(rows)))
+        return covariance
 
     def value(self, evidence: Evidence | None) -> float:
         """Return the logarithm of the detection limit; as good as infinite where nothing could be seen."""

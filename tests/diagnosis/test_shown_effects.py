@@ -38,33 +38,44 @@ ROUNDS = (
     ),
 )
 LAG = Hypothesis("steering_lag", "effect", ("steering_lag",))
+EARLIER = {"confusable": {"models": [{"added": [[{"name": "payload_shift", "kind": "effect"}]], "share": 1.0}]}}
+
+
+def shown(found=None, inclusion=None, rounds=ROUNDS, otherwise=""):
+    return effects_shown(EARLIER, PLAN, rounds, found or {}, inclusion, otherwise)
 
 
 def test_what_was_not_seen_would_now_be_shown_from_the_limit_of_the_last_round_on():
-    shown = effects_shown(PLAN, ROUNDS, (), {LAG: 0.3})
-    lag, roll = shown.amplitudes
+    neither = shown({Hypothesis("payload_shift", "effect", ("payload_shift",)): ()}, {LAG: 0.3})
+    lag, roll = neither.amplitudes
     assert (lag.limit.reached, roll.limit.reached, roll.limit.before) == (0.022, 0.011, math.inf)
-    assert shown.verdict == "as expected"
+    assert neither.verdict == "as expected"
     doubt = "steering lag was not seen, though there with probability 0.300, and would be shown from 0.0220 s"
-    assert f"{doubt} (expected 0.0200, before 0.200) on" in shown.words
-    assert "roll steer front was not seen and would be" in shown.words
-    record = json.loads(json.dumps(shown.record))
+    assert f"{doubt} (expected 0.0200, before 0.200) on" in neither.words
+    assert "roll steer front was not seen and would be" in neither.words
+    assert "beside" not in neither.words  # the model of the plan had the shift of the payload too
+    record = json.loads(json.dumps(neither.record))
     assert record["amplitudes"][1]["limit"]["before"] is None
     assert record["amplitudes"][1]["value"] is None
 
 
-def test_what_was_seen_has_its_size_with_an_interval_and_its_limit_is_three_standard_errors():
-    shown = effects_shown(PLAN, ROUNDS, (Value("steering_lag", "s", 0.1, 0.01),), {LAG: 0.99})
-    lag, _ = shown.amplitudes
+def test_what_was_seen_has_its_size_with_an_interval_and_is_what_the_others_are_judged_beside():
+    found = {LAG: (Value("steering_lag", "s", 0.1, 0.01),)}
+    one = shown(found, {LAG: 0.99}, ROUNDS[:1])
+    lag, roll = one.amplitudes
     assert lag.interval == pytest.approx((0.0804, 0.1196), abs=1e-4)
-    assert lag.limit.reached == pytest.approx(0.03)
-    assert shown.verdict == "larger"
-    assert "told less than was expected" in shown.words
-    assert "steering lag was seen with probability 0.990: 0.100 s, 95 % interval 0.0804 to 0.120," in shown.words
+    assert roll.limit.ratio == pytest.approx(50.0)
+    assert one.verdict == "larger"  # of what was not seen
+    assert "steering lag was seen with probability 0.990: 0.100 s, 95 % interval 0.0804 to 0.120 (to be" in one.words
+    assert "not seen is so beside steering lag, which the model of the plan had not" in one.words
+    assert shown(found).verdict == "as expected"
+    roll = {Hypothesis("roll_steer@front", "effect", ("roll_steer_front",)): (Value("roll_steer_front", "", 0.1, 0.1),)}
+    both = shown(found | roll, rounds=ROUNDS[:1])
+    assert (both.verdict, "beside" in both.words) == ("as expected", False)
 
 
 def test_other_drives_than_planned_are_not_compared_but_what_they_showed_is_said():
-    shown = effects_shown(PLAN, ROUNDS, (), None, "only 1 of 2 planned drives are there")
-    assert shown.verdict == "not compared"
-    assert "not compared, as only 1 of 2 planned drives are there: steering lag was not seen" in shown.words
-    assert effects_shown(PLAN, (), (), None).verdict == "not stated"
+    fewer = shown(otherwise="only 1 of 2 planned drives are there")
+    assert fewer.verdict == "not compared"
+    assert "not compared, as only 1 of 2 planned drives are there: steering lag was not seen" in fewer.words
+    assert shown(rounds=()).verdict == "not stated"

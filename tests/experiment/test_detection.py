@@ -54,6 +54,17 @@ def test_an_amplitude_that_no_drive_shows_does_not_hide_what_they_tell_of_others
     assert "mass" not in expectation.words
 
 
+def test_one_hypothesis_is_tried_at_a_time(trace):
+    """What two amplitudes do alike hides neither of them, as a trace has one of them in its model."""
+    both = DetectionGoal(trace, ["steering_lag", "mass"])
+    alike = np.diag([4.0, 1.0, 9.0, 9.0])
+    alike[2, 3] = alike[3, 2] = 9.0
+    limits = both.expectation(total([((alike,), 2)])).record["limits"]
+    assert limits["steering_lag"]["after"] == pytest.approx(1.0 / math.sqrt(0.2**-2 + 9.0))
+    assert limits["mass"]["after"] == pytest.approx(1.0 / 3.0)
+    assert limits["mass"]["hypothesis"] == "mass"
+
+
 def test_half_of_the_drives_are_fitted_and_information_adds_up(goal):
     information = np.array([[4.0, 0.0, 2.0], [0.0, 1.0, 0.0], [2.0, 0.0, 9.0]])
     # Of the last, 9 less 2^2 / 4 is left with the others open; of two drives one is fitted.

@@ -1,5 +1,6 @@
 """Drives for the errors of a study's estimators: the regression, its criterion, and a study of what is then left."""
 
+import json
 import math
 
 import numpy as np
@@ -109,6 +110,35 @@ def test_a_study_of_what_a_drive_leaves_has_the_expected_errors(goal, tmp_path):
         assert rmse["known"] < 0.9 * rmse["after"]
         assert rmse["after"] < 0.9 * rmse["before"]
         assert e.now == pytest.approx(rmse["after"], rel=0.1)
+
+
+def test_what_counts_of_the_reached_covariance_is_kept_with_the_expectation(goal):
+    """An identification has the same errors from the numbers of a plan as the goal has from its own."""
+    information = np.diag([3.0, 1.0, 0.0, *np.zeros(len(goal.before) - 3)])
+    covariance = goal.covariance((information,))
+    for e in goal.expectation((information,)).record["errors"]:
+        square = e["square"]["floor"] + np.sum(np.array(e["square"]["curvature"]) * covariance)
+        assert math.sqrt(square) == pytest.approx(e["rmse"]["after"])
+
+
+def test_the_fit_is_found_whose_posterior_a_design_is_as_long_as_it_says_the_same(goal, tmp_path):
+    factors = [f["distribution"] | {"name": f["parameter"]} for f in tolerances()]
+    content = {
+        "estimates": [{"name": f["name"], "value": f["mean"], "standard_error": f["std"]} for f in factors],
+        "correlation": np.eye(len(factors)).tolist(),
+    }
+    (tmp_path / "fit").mkdir()
+    file = tmp_path / "fit" / "identify.json"
+    file.write_text(json.dumps(content), encoding="utf-8")
+    design = {"name": "open", "sampling": "population", "samples": 16, "posterior": "fit"}
+    folder = study_of(tmp_path / "open", [], design=[design])
+    studied = read_study(folder, {})
+    assert studied.fit == tmp_path / "fit"
+    assert StudyGoal(studied).expectation(None).record["fit"] == str(tmp_path / "fit")
+    assert goal.expectation(None).record["fit"] is None  # of tolerances
+    content["estimates"][0]["value"] *= 1.001
+    file.write_text(json.dumps(content), encoding="utf-8")
+    assert read_study(folder, {}).fit is None
 
 
 def test_drives_are_planned_for_one_target_of_a_study(folder):

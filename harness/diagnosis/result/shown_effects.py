@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from harness.diagnosis.model.hypotheses import Hypothesis
+from harness.diagnosis.model.hypotheses import Hypothesis, called
 from harness.diagnosis.result.answer import Value
 from harness.diagnosis.selection.acceptance import Round
 from harness.identification.expectation import NOT_COMPARED, TOLD, ReachedError, verdict_of
@@ -36,6 +36,11 @@ class SoughtAmplitude:
     probability: float
 
     @property
+    def seen(self) -> bool:
+        """Whether the final model has it."""
+        return not math.isnan(self.value)
+
+    @property
     def interval(self) -> tuple[float, float]:
         """At 95 %."""
         return self.value - NORMAL * self.std, self.value + NORMAL * self.std
@@ -44,14 +49,15 @@ class SoughtAmplitude:
     def words(self) -> str:
         """What was seen of it."""
         name, unit = words(self.limit.name), print_unit(self.limit.unit)
-        if math.isnan(self.value):
+        if not self.seen:
             doubt = f", though there with probability {probability(self.probability)},"
             unseen = f"{name} was not seen{doubt if self.probability >= _IN_DOUBT else ''}"
             return f"{unseen} and would be shown from {self.limit.words} on"
         size = f"{number(self.value)} {unit}".rstrip()
-        size += f", 95 % interval {span(*self.interval)}," if math.isfinite(self.std) else ""
+        size += f", 95 % interval {span(*self.interval)}" if math.isfinite(self.std) else ""
         sure = "" if math.isnan(self.probability) else f" with probability {probability(self.probability)}"
-        return f"{name} was seen{sure}: {size} three standard errors {self.limit.words}"
+        limits = f"from {number(self.limit.expected)} on, before from {number(self.limit.before)}"
+        return f"{name} was seen{sure}: {size} (to be shown {limits})"
 
 
 @dataclass(frozen=True)
@@ -60,22 +66,31 @@ class EffectsShown:
 
     Attributes:
         amplitudes: That they were planned for.
+        beside: What the final model has and the one that they were planned with had not, in words.
         otherwise: Why what came is not compared, in a sentence; empty where it is.
     """
 
     amplitudes: tuple[SoughtAmplitude, ...]
+    beside: tuple[str, ...] = ()
     otherwise: str = ""
 
     @property
     def verdict(self) -> str:
-        """``as expected``, ``larger``, ``smaller``, ``not stated`` or ``not compared``, of the detection limits."""
-        return verdict_of([a.limit for a in self.amplitudes], self.otherwise)
+        """``as expected``, or ``larger``, ``smaller`` or ``not stated`` of the detection limits of what was not seen.
+
+        ``not compared`` where it is said why something else was driven.
+        """
+        unseen = [a.limit for a in self.amplitudes if not a.seen]
+        return verdict_of(unseen, self.otherwise) if unseen or self.otherwise else "as expected"
 
     @property
     def words(self) -> str:
         """The same in sentences."""
         head = f"{NOT_COMPARED}, as {self.otherwise}" if self.otherwise else TOLD[self.verdict]
-        return f"{head}: {listed([a.words for a in self.amplitudes])}."
+        said = f"{head}: {listed([a.words for a in self.amplitudes])}."
+        if not self.beside or all(a.seen for a in self.amplitudes):
+            return said
+        return f"{said} What was not seen is so beside {listed(self.beside)}, which the model of the plan had not."
 
     @property
     def record(self) -> dict[str, Any]:
@@ -98,33 +113,36 @@ class EffectsShown:
 
 
 def effects_shown(
+    earlier: Mapping[str, Any],
     plan: Mapping[str, Any],
     rounds: Iterable[Round],
-    found: Iterable[Value],
+    found: Mapping[Hypothesis, Iterable[Value]],
     inclusion: Mapping[Hypothesis, float] | None,
     otherwise: str = "",
 ) -> EffectsShown:
-    """Return what planned drives showed; of what was found the detection limit is three of its standard errors.
+    """Return what planned drives showed.
 
     Args:
+        earlier: ``trace.json`` behind which they were planned.
         plan: ``next_drive.json`` behind a trace, of detection limits.
         rounds: Of the trace with the drives.
-        found: What the additions of its final model hold.
+        found: What each addition of its final model holds.
         inclusion: How likely each hypothesis is, if that is known.
         otherwise: Why what came is not compared, as where other drives were driven.
     """
     tried = [(c.hypothesis.name, c.hypothesis.kind, c.detectable) for r in rounds for c in r.candidates]
-    limits, values = detection_limits(tried), {v.name: v for v in found}
+    limits, values = detection_limits(tried), {v.name: v for parts in found.values() for v in parts}
+    planned_with = max(earlier["confusable"]["models"], key=lambda m: m["share"])["added"]
+    had = {h["name"] for alike in planned_with for h in alike}
     amplitudes = []
     for name, entry in plan["expected"]["limits"].items():
         before, expected = (math.inf if entry[key] is None else float(entry[key]) for key in ("before", "after"))
         value = values.get(name, Value(name, entry["unit"], math.nan, math.nan))
-        limit = limits.get(entry.get("hypothesis", name), {}).get(name, math.nan)
-        reached = limit if math.isnan(value.value) else 3.0 * value.std
+        reached = limits.get(entry.get("hypothesis", name), {}).get(name, math.nan)
         likely = math.nan if inclusion is None else sum(p for h, p in inclusion.items() if name in h.amplitudes)
         error = ReachedError(name, entry["unit"], before, expected, reached)
         amplitudes.append(SoughtAmplitude(error, value.value, value.std, likely))
-    return EffectsShown(tuple(amplitudes), otherwise)
+    return EffectsShown(tuple(amplitudes), tuple(called(h.name, " ") for h in found if h.name not in had), otherwise)
 
 
 def detection_limits(tried: Iterable[tuple[str, str, Mapping[str, float]]]) -> dict[str, dict[str, float]]:
