@@ -13,6 +13,7 @@ the error stays whatever is known of it.
 from __future__ import annotations
 
 import contextlib
+import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -175,14 +176,14 @@ def read_study(folder: Path, wanted: Mapping[str, float]) -> StudiedErrors:
 def _fit_behind(folder: Path, design: DesignSpec) -> Path | None:
     """Return the folder of the identification whose estimates a design has; none of tolerances, samples and traces."""
     content = parse_toml(str(attributes_of(folder).get("study", "")), f"{folder}: the study")
-    name = next((d.get("posterior") for d in content.get("design", ()) if d.get("name") == design.name), None)
+    names = [d["posterior"] for d in content.get("design", ()) if d.get("name") == design.name and "posterior" in d]
     nominal = {f.parameter: f.nominal for f in design.factors}
-    for place in () if name is None else places_near(folder):
+    for name, place in itertools.product(names, places_near(folder)):
         with contextlib.suppress(UserError):
             posterior = read_posterior(name, place, str(folder))
-            of_fit = [n for n in posterior.names if n in nominal]
-            same = all(nominal[n] == v for n, v in zip(posterior.names, posterior.values, strict=True) if n in nominal)
-            if posterior.file.name == EarlierResult.FILE and of_fit and same:
+            values = dict(zip(posterior.names, posterior.values, strict=True))
+            same = nominal.keys() & values and all(values.get(n, v) == v for n, v in nominal.items())
+            if posterior.file.name == EarlierResult.FILE and same:
                 return posterior.file.parent
     return None
 

@@ -75,8 +75,9 @@ class EarlierResult:
             raise UserError(f"{result}: holds no {FOLDER}/{PLAN}; plan drives first: harness next-drive {result}")
         plan = read_json(file)
         expected = plan.get("expected")
-        of_study = isinstance(expected, dict) and "errors" in expected
-        behind = expected.get("fit") if of_study else plan.get("result", "")
+        behind = plan.get("result", "")
+        if isinstance(expected, dict) and "errors" in expected:
+            behind = expected.get("fit")
         if behind is None:
             raise UserError(
                 f"{file}: the drives are planned behind a study whose vehicles are of no fit of harness identify that "
