@@ -110,7 +110,7 @@ class DetectionGoal:
         Raises:
             UserError: If the noise of one is not known, or an effect is that of a sensor that is not there.
         """
-        return DetectionGoal(self._set.measured_by(sensors).trace, self.wanted)
+        return DetectionGoal(self.trace.measured_by(sensors), self.wanted)
 
     def evidence(self, drive: Rehearsed) -> Evidence:
         """Return the Fisher information of a drive on parameters and amplitudes ``(n, n)``; none of a calm one."""

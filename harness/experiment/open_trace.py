@@ -97,6 +97,14 @@ class OpenTrace:
     none: float = 0.0
     detectable: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
+    def measured_by(self, sensors: str) -> OpenTrace:
+        """Return the same before drives with other sensors; what the drives so far say stays.
+
+        Raises:
+            UserError: If the noise of one is not known.
+        """
+        return replace(self, spec=fitted_spec(Path(self.spec.parameters), sensors))
+
 
 def read_trace(folder: Path, least: int = 2) -> OpenTrace:
     """Return the nominal model of a trace and its confusable set.

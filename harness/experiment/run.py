@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 from harness.common.errors import UserError
@@ -23,7 +24,7 @@ from harness.experiment.kept_drives import KeptDrives, basis
 from harness.experiment.limits import Limits
 from harness.experiment.manoeuvres import Manoeuvre, SearchRange, chosen
 from harness.experiment.open_trace import read_trace
-from harness.experiment.rehearsal import Rehearsal
+from harness.experiment.rehearsal import Rehearsal, Rehearsed
 from harness.experiment.study_error import SCORES, StudyGoal, read_study
 from harness.models.roles import SENSORS
 
@@ -130,12 +131,7 @@ def design_drives(task: DesignTask, say: Callable[[str], None] = lambda _: None)
         plan = design(goal, rehearsal, room, manoeuvres, task.budget, task.effort, jobs, task.seed, say, kept)
     if not plan.sequence:
         raise UserError(_no_plan(plan, task))
-    equipped = []
-    if task.sensors:
-        for name in fitting_sensors(spec.vehicle, spec.tyre):
-            say(f"sensors: {name}")
-            equipped.append(_equipped(task, goal, plan, name))
-    return Designed(task, spec, goal, plan, tuple(equipped))
+    return Designed(task, spec, goal, plan, _equipped(task, goal, plan, say) if task.sensors else ())
 
 
 def _no_plan(plan: DrivePlan, task: DesignTask) -> str:
@@ -195,18 +191,64 @@ def _refuse_undriven(spec: ModelSpec, folder: Path) -> None:
         raise UserError(f"{folder}: drives are planned for a vehicle with a steering wheel; its inputs are {inputs}")
 
 
-def _equipped(task: DesignTask, goal: Goal, plan: DrivePlan, name: str) -> Equipped:
-    """Return what the planned drives tell with other sensors; those so far had theirs."""
-    outputs = tuple(SENSORS.load(name).OUTPUTS)
-    try:
-        other = goal.measured_by(name)
-        alone = Rehearsal(other.model, other.model.spec, other.versions[: goal.recorded], goal.recorded, task.limits)
-        parts = []
-        for tried, times in plan.sequence:
-            again = alone.of(tried.rehearsed.drive)
-            if isinstance(again, str):
-                return Equipped(name, outputs, again)
-            parts.append((other.evidence(again), times))
-    except UserError as error:
-        return Equipped(name, outputs, str(error))
-    return Equipped(name, outputs, other.expectation(total(parts)))
+@dataclass(frozen=True)
+class _Judge:
+    """A goal whose filter is compiled, with the planned drives and how often each is driven."""
+
+    goal: Goal
+    drives: tuple[tuple[Rehearsed, int], ...]
+
+    @property
+    def outputs(self) -> Sequence[str]:
+        return list(self.goal.model.spec.model().outputs)
+
+    def judges(self, outputs: Sequence[str]) -> bool:
+        """Whether it has these outputs, and no parameter of another one, which they do not show."""
+        absent = tuple(f"_{name}" for name in self.outputs if name not in outputs)
+        return set(outputs) <= set(self.outputs) and not any(n.endswith(absent) for n in self.goal.model.names)
+
+    def expectation(self, outputs: Sequence[str]) -> ExpectedOutcome:
+        """Return what is expected behind the drives where all other outputs are missing."""
+        there, parts = [name in outputs for name in self.outputs], []
+        for drive, times in self.drives:
+            data = tuple(replace(d, measurements=np.where(there, d.measurements, np.nan)) for d in drive.data)
+            parts.append((self.goal.evidence(replace(drive, data=data)), times))
+        return self.goal.expectation(total(parts))
+
+
+def _equipped(task: DesignTask, goal: Goal, plan: DrivePlan, say: Callable[[str], None]) -> tuple[Equipped, ...]:
+    """Return what the planned drives tell with each set of sensors of the vehicle; those so far had theirs.
+
+    To compile a filter takes far longer than to run it, so one judges every set whose outputs it has.
+    """
+    spec = goal.model.spec
+    sets = {name: tuple(SENSORS.load(name).OUTPUTS) for name in fitting_sensors(spec.vehicle, spec.tyre)}
+    judges = [_Judge(goal, tuple((tried.rehearsed, times) for tried, times in plan.sequence))]
+    found: dict[str, ExpectedOutcome | str] = {}
+    for name in sorted(sets, key=lambda n: -len(sets[n])):
+        say(f"sensors: {name}")
+        try:
+            judge = next((j for j in judges if j.judges(sets[name])), None)
+            if judge is None:
+                judge = _judge(task, goal.measured_by(name), plan)
+                judges.append(judge)
+            found[name] = judge.expectation(sets[name])
+        except UserError as error:
+            found[name] = str(error)
+    return tuple(Equipped(name, outputs, found[name]) for name, outputs in sets.items())
+
+
+def _judge(task: DesignTask, goal: Goal, plan: DrivePlan) -> _Judge:
+    """Return a goal of other sensors with the planned drives.
+
+    Raises:
+        UserError: If one of them passes a limit.
+    """
+    rehearsal = Rehearsal(goal.model, goal.model.spec, goal.versions[: goal.recorded], goal.recorded, task.limits)
+    drives = []
+    for tried, times in plan.sequence:
+        again = rehearsal.of(tried.rehearsed.drive)
+        if isinstance(again, str):
+            raise UserError(again)
+        drives.append((again, times))
+    return _Judge(goal, tuple(drives))

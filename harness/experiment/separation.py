@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -23,7 +22,6 @@ from harness.diagnosis.criteria import BLOCK, CALM
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.result.expectation import STANDS
 from harness.experiment.contract import Evidence, ExpectedOutcome
-from harness.experiment.information import fitted_spec
 from harness.experiment.open_trace import OpenTrace, RivalModel
 from harness.experiment.rehearsal import Rehearsed
 from harness.experiment.rival_filter import Parabolas, RivalFilter
@@ -84,7 +82,7 @@ class SeparationGoal:
         Raises:
             UserError: If the noise of one is not known, or a model of the set is one of a sensor that is not there.
         """
-        return SeparationGoal(replace(self.trace, spec=fitted_spec(Path(self.trace.spec.parameters), sensors)))
+        return SeparationGoal(self.trace.measured_by(sensors))
 
     def refuse_lacking(self, names: Iterable[str]) -> None:
         """Refuse parameters that the model has not.

@@ -17,7 +17,7 @@ from harness.common.files import read_toml
 from harness.experiment.files import names_of, once_driven, written_to
 from harness.experiment.limits import Limits
 from harness.experiment.report import answer, limits_words, report
-from harness.experiment.run import DesignTask, design_drives
+from harness.experiment.run import DesignTask, _Judge, design_drives
 from harness.reporting.style import number
 from support.identification import CAR
 
@@ -175,3 +175,31 @@ def test_a_folder_without_a_fit_is_refused(tmp_path):
     done = run(tmp_path)
     assert done.exit_code == 2
     assert [name in done.stderr for name in ("identify.json", "trace.json", "scores.zarr")] == [True, True, True]
+
+
+def test_a_filter_that_has_all_outputs_of_a_set_judges_it_as_its_own_would(fit, monkeypatch):
+    monkeypatch.setattr("harness.experiment.run.fitting_sensors", lambda *_: ["car_lateral", "car_reference"])
+    asked = DesignTask(fit, budget=10.0, manoeuvres=("step",), effort=2, sensors=True, jobs=1)
+    own = design_drives(asked)
+    recorded = {e.name: e.expectation.record for e in own.equipped}
+    assert recorded["car_reference"] == own.goal.expectation(own.plan.evidence).record  # which recorded the fit
+    monkeypatch.setattr("harness.experiment.run._Judge.judges", lambda *_: False)
+    for e in design_drives(asked).equipped:
+        for name, entry in e.expectation.record["parameters"].items():
+            same = pytest.approx(entry["standard_error"]["after"], rel=1e-6)
+            assert recorded[e.name]["parameters"][name]["standard_error"]["after"] == same
+
+
+@pytest.mark.parametrize(
+    ("parameters", "outputs", "judged"),
+    [
+        (["mass"], ["yaw_rate"], True),
+        (["mass", "sensor_bias_yaw_rate"], ["yaw_rate"], True),
+        (["mass", "sensor_bias_lateral_acceleration"], ["yaw_rate"], False),  # which is refused, or filters without it
+        (["mass"], ["yaw_rate", "lateral_velocity"], False),
+    ],
+)
+def test_a_filter_judges_no_outputs_that_it_lacks_or_whose_parameters_they_do_not_show(parameters, outputs, judged):
+    spec = SimpleNamespace(model=lambda: SimpleNamespace(outputs={"yaw_rate": None, "lateral_acceleration": None}))
+    goal = SimpleNamespace(model=SimpleNamespace(spec=spec, names=parameters))
+    assert _Judge(goal, ()).judges(outputs) is judged
