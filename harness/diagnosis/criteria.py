@@ -89,9 +89,16 @@ WHITE = 1e-8
 """p-value of the innovations on the held-out drives, below which something is missing whatever the simulation error is.
 With the right structure it is rarely below 1e-4; the margin covers noise variances that are slightly wrong."""
 
+STRONG = 10.0
+"""Gain in BIC from which the evidence is strong (Kass and Raftery 1995, section 3.2): a model of which much is missing
+anyway takes it up, and so does one that has only to predict."""
+
+GROWTH = 12
+"""Largest number of effects by which such a model grows."""
+
 CORRELATED = 0.15
-"""Correlation of the noise of samples beyond which not all of a baseline's are taken: of neighbours it makes standard
-errors a seventh too small, and half of the samples would make them two fifths larger."""
+"""Correlation of the noise of samples beyond which a model that grows takes not all of them: of neighbours it makes
+standard errors a seventh too small, and half of the samples would make them two fifths larger."""
 
 INDEPENDENT = 0.05
 """Correlation of those that then are taken."""

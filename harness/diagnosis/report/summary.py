@@ -177,7 +177,7 @@ def _rounds(outcome: Outcome) -> list[str]:
     for number, r in enumerate(outcome.trace.rounds, 1):
         if r.added is not None:
             sentences.append(f"Round {number} added {called(r.added.hypothesis.name)}: it {r.reason}.")
-        elif any(c.fitted for c in r.candidates):
+        elif r.best:
             best = called(r.best)
             sentences.append(f"Round {number} added nothing: with {best}, {r.reason}.")
         else:

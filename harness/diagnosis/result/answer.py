@@ -238,7 +238,19 @@ def answer(trace: Trace, claims: Claims, localisation: Localisation, values: Map
     part = f" Part of it {claim('is', sure, named, claims.conditional)}." if named else ""
     closed = change if effects or curves else ""
     refused = "" if claims.refused is None else _refused(claims.refused)
-    return f"Something is missing that no effect of the library explains.{refused}{part}{unmodelled}{also}{closed}"
+    missing = f"Something is missing that no effect of the library explains{_as_a_force(trace)}."
+    return f"{missing}{refused}{part}{unmodelled}{also}{closed}"
+
+
+def _as_a_force(trace: Trace) -> str:
+    """Return how large the discrepancy of a model is, as the end of a sentence; empty where it has none."""
+    augmented, sizes = trace.fitting.augmented, []
+    for h in trace.discrepancy:
+        if h.name in augmented.discrepancy:
+            body = split(h.name)[1]
+            share = float(trace.final.point.values[augmented.row(h.amplitudes[0]), 0])
+            sizes.append(f"{style.percent(share)} of the lateral force{f' of the {words(body)}' if body else ''}")
+    return f", which acts as a random force of {listed(sizes)}" if sizes else ""
 
 
 def _refused(refused: Refused) -> str:

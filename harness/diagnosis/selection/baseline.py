@@ -17,31 +17,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from harness.common.arrays import Floats
-from harness.diagnosis.criteria import TRIED
 from harness.diagnosis.fitting import FittedHypothesis, Fitting, KeptFits
 from harness.diagnosis.model.augmented_model import AugmentedModel, HeldParameters
-from harness.diagnosis.model.hypotheses import (
-    ALL_PARAMETERS,
-    OF_ROADS,
-    Hypothesis,
-    coordinates,
-    hypotheses,
-    random_processes,
-)
-from harness.diagnosis.selection.acceptance import Candidate, distinct
+from harness.diagnosis.model.hypotheses import OF_ROADS, Hypothesis, coordinates, random_processes
 from harness.diagnosis.selection.candidate_fits import Added, CandidateFits, Say
 from harness.diagnosis.selection.discrepancy import likeliest_memory
 from harness.diagnosis.selection.forward_selection import first_variances
-from harness.diagnosis.selection.selection_round import SelectionRound
+from harness.diagnosis.selection.growth import all_parameters, grown
 from harness.diagnosis.selection.validation import HeldOut, Judgement
 from harness.identification.data import DriveData
 from harness.identification.uncertainty import covariance_of
-
-_STRONG = 10.0
-"""Gain in BIC from which the evidence is strong (Kass and Raftery 1995, section 3.2)."""
-
-_ROUNDS = 12
-"""Largest number of effects that are learnt."""
 
 
 @dataclass(frozen=True)
@@ -127,8 +112,7 @@ def learnt(
         kept: Fits of an interrupted trace.
     """
     variances = first_variances(augmented, drives, stated_noise)
-    many = next(h for h in hypotheses(augmented, ()) if h.name == ALL_PARAMETERS)
-    moved = tuple(dict.fromkeys((*free, *many.amplitudes, *of_roads(augmented))))
+    moved = tuple(dict.fromkeys((*free, *all_parameters(augmented).amplitudes, *of_roads(augmented))))
     always, held_out = random_processes(augmented), HeldOut(augmented, drives[-1:], variances)
 
     def fits_of(fitted: Sequence[DriveData]) -> CandidateFits:
@@ -138,50 +122,13 @@ def learnt(
     fits = fits_of(drives[:-1])
     say("baseline: fitting the nominal model")
     best = likeliest_memory(fits, (), fits.fitting.first())
-    added, best = _grown(fits, (), best)
+    added, best, _ = grown(fits, (), best, "baseline")
     say("baseline: fitting all of its drives")
     judged, whole = fits.judge(added, best.point), fits_of(drives)
     values = np.repeat(best.point.values[:, [0]], len(drives), axis=1)
     fitted = whole.fit(added, replace(best.point, values=values), afresh=False)
-    added, fitted = _grown(whole, added, fitted)
+    added, fitted, _ = grown(whole, added, fitted, "baseline")
     return Baseline(added, whole.fitting, fitted, judged, about(whole.fitting, fitted), tuple(d.name for d in drives))
-
-
-def _grown(fits: CandidateFits, added: Added, best: FittedHypothesis) -> tuple[Added, FittedHypothesis]:
-    """Return a model with what drives show beyond it, effect by effect, and its fit."""
-    refused: set[Hypothesis] = set()
-    for number in range(1, _ROUNDS + 1):
-        further = _next(fits, added, best, number, refused)
-        if further is None or further.fitted is None:
-            break
-        added, best = fits.joined(added, further.hypothesis), further.fitted
-    return added, best
-
-
-def _next(
-    fits: CandidateFits, added: Added, best: FittedHypothesis, number: int, refused: set[Hypothesis]
-) -> Candidate | None:
-    """Return the effect that the drives show most plainly; ``None`` if they show no further one.
-
-    What promises most is fitted first, and what does not pass is noted as refused and comes last from then on.
-    """
-    current = SelectionRound(fits, added, [best], f"baseline, round {number}")
-    current.say("score test of every effect")
-    lasting = [h for h in current.open() if not (h.random or h.change_times or h.many)]
-    scores = sorted(fits.score_test(best).of(lasting), key=current.predicted_bic_gain, reverse=True)
-    current.promised = scores
-    promising = [s for s in distinct(scores) if current.predicted_bic_gain(s) >= _STRONG]
-    promising.sort(key=lambda s: s.hypothesis in refused)
-    before = current.before.log_likelihood
-    for first in range(0, len(promising), TRIED):
-        chosen = promising[first : first + TRIED]
-        current.fit(chosen)
-        judged = [current.judged(s) for s in chosen]
-        passing = [c for c in judged if c.bic >= _STRONG and c.held_out and c.held_out.log_likelihood > before]
-        refused.update({s.hypothesis for s in chosen} - {c.hypothesis for c in passing})
-        if passing:
-            return max(passing, key=lambda c: c.bic)
-    return None
 
 
 def about(fitting: Fitting, fitted: FittedHypothesis) -> AugmentedModel:

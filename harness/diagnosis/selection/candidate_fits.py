@@ -59,7 +59,7 @@ class CandidateFits:
         always: Added = (),
     ) -> None:
         self.always = always
-        self._kept = kept or KeptFits()
+        self.kept = kept or KeptFits()
         self.fitting, self.held_out, self.free, self.say = fitting, held_out, free, say
         self.augmented = fitting.augmented
         self._known = stated_std(self.augmented.spec)
@@ -91,7 +91,7 @@ class CandidateFits:
         """Fit the free parameters, additions and noise, as ``Fitting.fit`` does."""
         whole = (*added, *self.always)
         moved = coordinates(self.augmented, self.free, whole, len(self.fitting.drives), self._known)
-        fitted = self._kept.fit(self.fitting, moved, start, (iterations, turns, afresh, least))
+        fitted = self.kept.fit(self.fitting, moved, start, (iterations, turns, afresh, least))
         best = self.models.get(frozenset(added))
         if best is None or fitted.objective > best[1].objective:
             self.models[frozenset(added)] = added, fitted

@@ -15,20 +15,22 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.common.failures import RAISED, Failures
-from harness.diagnosis.criteria import EXCESS, FURTHER_CHANGE, ROUNDS, WHITE
+from harness.diagnosis.criteria import CORRELATED, EXCESS, FURTHER_CHANGE, INDEPENDENT, ROUNDS, WHITE
 from harness.diagnosis.fitting import FittedHypothesis, Fitting, KeptFits, ParameterPoint
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import Hypothesis, random_processes
-from harness.diagnosis.selection.acceptance import Candidate, Round, beyond_belief, with_further
+from harness.diagnosis.selection.acceptance import Candidate, Round, beyond_belief, strayed, with_further
 from harness.diagnosis.selection.candidate_fits import Added, CandidateFits, Say
 from harness.diagnosis.selection.discrepancy import first_point, hinges, with_discrepancy
 from harness.diagnosis.selection.earlier_models import NO_DRIVES, EarlierDrives, EarlierModel, fit_earlier
+from harness.diagnosis.selection.growth import all_parameters, grown
 from harness.diagnosis.selection.model_comparison import Comparison, likeliest
 from harness.diagnosis.selection.posterior import Posterior
 from harness.diagnosis.selection.selection_round import SelectionRound, selection_round
 from harness.diagnosis.selection.validation import HeldOut, Judgement, colour_left, error_growth, leaves_nothing
 from harness.identification.data import DriveData
-from harness.identification.signal_noise import white_noise
+from harness.identification.signal_noise import thinned, white_noise, white_spacing
+from harness.models.quantities import words
 
 
 @dataclass(frozen=True)
@@ -111,20 +113,53 @@ def trace(
     plain = replace(plain, discrepancy=earlier.always)
     if not augmented.discrepancy or plain.discrepancy or plain.cut_short or _is_whole(plain):
         return plain
-    disturbed = CandidateFits(fitting, held_out, tuple(free), say, kept, random_processes(augmented))
-    whole = failures.attempt(
-        "the discrepancy of the model", lambda: with_discrepancy(disturbed, plain.added, plain.final), lambda _: None
+    grows = partial(_grown, fits, plain, failures)
+    return failures.attempt("the discrepancy of the model", grows, lambda _: None) or plain
+
+
+def _grown(fits: CandidateFits, plain: Trace, failures: Failures) -> Trace | None:
+    """Return a trace with discrepancy of a vehicle that differs from its model in many ways; ``None`` if it does not.
+
+    Process noise, parameters and effects would all describe the spectrum of coloured noise, so samples are taken as far
+    apart as it is white. All stated parameters are free within their priors, and the model grows by whatever the drives
+    show. What is likely of that stays.
+
+    Args:
+        fits: Of the search without discrepancy.
+        plain: What that found.
+        failures: As in ``trace``.
+    """
+    augmented, say = fits.augmented, fits.say
+    drives = fits.fitting.drives, fits.held_out.drives
+    spacing = white_spacing([*drives[0], *drives[1]], CORRELATED, INDEPENDENT)
+    for output, every in zip(augmented.nominal.outputs, spacing, strict=True):
+        if every > 1:
+            say(f"samples of {words(output)} are taken {every} steps apart, where their noise is white")
+    train, test = ([thinned(d, spacing) for d in each] for each in drives)
+    variances = fits.held_out.variances
+    fitting = Fitting(augmented, train, variances, fits.fitting.noise_held, [*train, *test])
+    held_out = HeldOut(augmented, test, variances)
+
+    always, parameters = random_processes(augmented), all_parameters(augmented)
+    less, disturbed, everything = (
+        CandidateFits(fitting, held_out, fits.free, say, fits.kept, parts)
+        for parts in ((), always, (*always, parameters))
     )
+    before = less.fit(plain.added, plain.final.point, afresh=False)
+    whole = with_discrepancy(disturbed, plain.added, before)
     if whole is None:
-        return plain
-    disturbed.models.clear()  # what the search finds is to be another answer
-    found = _ForwardSelection(disturbed, rounds, failures, first_point(fitting, whole.point), earlier.models).run()
-    if error_growth(held_out, plain.after, found.after).beyond_noise:
-        # What predicts worse is no answer: the model found without stays, and which of its sizes hinge on that is said.
-        return replace(plain, hinging=hinges(plain.final, whole, fitting.standard_errors(whole), plain.added))
-    without = fits.fit(found.added, replace(found.final.point, values=_undisturbed(augmented, found.final.point)))
+        return None
+    found = _ForwardSelection(everything, 0, failures).grown(first_point(fitting, whole.point))
+    found = replace(found, discrepancy=always)
+    nominal = less.judge((), plain.nominal.point)
+    worse = error_growth(held_out, less.judge(plain.added, before.point), found.after).beyond_noise
+    if worse or strayed(found.final, parameters.amplitudes):
+        # What predicts worse, or with values that no vehicle has, is no answer: the model without a discrepancy stays,
+        # and which of its sizes hinge on that is said.
+        return replace(plain, hinging=hinges(before, whole, fitting.standard_errors(whole), plain.added))
+    without = everything.fit(found.added, replace(found.final.point, values=_undisturbed(augmented, found.final.point)))
     hinging = hinges(without, found.final, fitting.standard_errors(found.final), found.added)
-    return replace(found, discrepancy=random_processes(augmented), hinging=hinging)
+    return replace(found, hinging=hinging, nominal=plain.nominal, before=nominal)
 
 
 def _undisturbed(augmented: AugmentedModel, point: ParameterPoint) -> Floats:
@@ -173,7 +208,7 @@ class _ForwardSelection:
         """
         fits = self.candidate_fits
         fits.say("fitting the nominal model")
-        self.nominal = fits.fit((), self.first or fits.fitting.first(), 25)
+        self.nominal = fits.fit((), fits.fitting.first(), 25)
         known = self.failures.attempt(
             "the models of the earlier trace", lambda: fit_earlier(fits, self.earlier, self.nominal), lambda _: []
         )
@@ -183,6 +218,18 @@ class _ForwardSelection:
             other, second, posterior = self._from(*start)
             ends = [end for end in ((added, best), (other, second)) if not fits.refuted.intersection(end[0])]
             added, best = Comparison(fits, self.rounds).likeliest(ends)
+        return self._traced(added, best, posterior)
+
+    def grown(self, start: ParameterPoint) -> Trace:
+        """Return what was found of a vehicle that differs from its model in many ways: what is likely of a growth."""
+        fits = self.candidate_fits
+        self.nominal = fits.fit((), start, 25)
+        added, best, self.rounds = grown(fits, (), self.nominal, "growth")
+        return self._traced(*self._lasting(added, best))
+
+    def _traced(self, added: Added, best: FittedHypothesis, posterior: Posterior | None) -> Trace:
+        """Return the trace that ends in a model."""
+        fits = self.candidate_fits
         in_force = {n for h in added for n in h.amplitudes}
         of_rounds = [h for r in self.rounds if r.added for h in r.added.hypothesis.single]
         return Trace(
@@ -210,11 +257,7 @@ class _ForwardSelection:
         while True:
             added, best = self._forward(added, best)
             self.seen.add(frozenset(added))
-            kept, best, posterior = self.failures.attempt(
-                "the probability of each model",
-                partial(likeliest, fits, self.rounds, added, best),
-                partial(_as_added, added, best),
-            )
+            kept, best, posterior = self._lasting(added, best)
             instead = set(kept) - set(added)
             added = kept
             if instead and frozenset(added) not in self.seen:
@@ -225,6 +268,14 @@ class _ForwardSelection:
                 added, best = self._if_whole(added, best, h)
             if not fits.refuted.intersection(processes):
                 return added, best, posterior
+
+    def _lasting(self, added: Added, best: FittedHypothesis) -> tuple[Added, FittedHypothesis, Posterior | None]:
+        """Return what of the additions stays or takes their place, its fit, and how likely every model is."""
+        return self.failures.attempt(
+            "the probability of each model",
+            partial(likeliest, self.candidate_fits, self.rounds, added, best),
+            partial(_as_added, added, best),
+        )
 
     def _if_whole(self, added: Added, best: FittedHypothesis, process: Hypothesis) -> tuple[Added, FittedHypothesis]:
         """Return a model without one of its random processes, unless nothing else seems to be missing beside that.
