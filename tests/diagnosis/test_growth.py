@@ -36,4 +36,4 @@ def test_every_effect_is_named_beside_a_force_that_has_no_name(grown):
 def test_the_answer_states_what_is_left(grown):
     claims = claims_of(grown, NOWHERE, coloured=False)
     assert claims.verdict == "unresolved"
-    assert ", which acts as a random force of " in answer(grown, claims, NOWHERE, {})
+    assert " What else it lacks acts as a random force of " in answer(grown, claims, NOWHERE, {})

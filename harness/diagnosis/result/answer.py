@@ -235,22 +235,22 @@ def answer(trace: Trace, claims: Claims, localisation: Localisation, values: Map
     if trace.cut_short:
         so_far = f" Until then the model was found to lack {named}." if named else ""
         return f"The search broke off before everything was tried, so there is no verdict.{so_far}{also}"
-    part = f" Part of it {claim('is', sure, named, claims.conditional)}." if named else ""
     closed = change if effects or curves else ""
+    if trace.discrepancy and named:
+        lacks = f"The model {claim('lacks', sure, named, claims.conditional)}."
+        return f"{lacks} What else it lacks acts as {_as_a_force(trace)}.{unmodelled}{also}{closed}"
+    part = f" Part of it {claim('is', sure, named, claims.conditional)}." if named else ""
     refused = "" if claims.refused is None else _refused(claims.refused)
-    missing = f"Something is missing that no effect of the library explains{_as_a_force(trace)}."
-    return f"{missing}{refused}{part}{unmodelled}{also}{closed}"
+    return f"Something is missing that no effect of the library explains.{refused}{part}{unmodelled}{also}{closed}"
 
 
 def _as_a_force(trace: Trace) -> str:
-    """Return how large the discrepancy of a model is, as the end of a sentence; empty where it has none."""
+    """Return in words how large the discrepancy of a model is."""
     augmented, sizes = trace.fitting.augmented, []
-    for h in trace.discrepancy:
-        if h.name in augmented.discrepancy:
-            body = split(h.name)[1]
-            share = float(trace.final.point.values[augmented.row(h.amplitudes[0]), 0])
-            sizes.append(f"{style.percent(share)} of the lateral force{f' of the {words(body)}' if body else ''}")
-    return f", which acts as a random force of {listed(sizes)}" if sizes else ""
+    for h in (h for h in trace.discrepancy if h.name in augmented.discrepancy):
+        body, share = split(h.name)[1], float(trace.final.point.values[augmented.row(h.amplitudes[0]), 0])
+        sizes.append(f"{style.percent(share)} of the lateral force{f' of the {words(body)}' if body else ''}")
+    return f"a random force of {listed(sizes)}"
 
 
 def _refused(refused: Refused) -> str:

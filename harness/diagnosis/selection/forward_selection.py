@@ -27,7 +27,7 @@ from harness.diagnosis.selection.growth import all_parameters, grown
 from harness.diagnosis.selection.model_comparison import Comparison, likeliest
 from harness.diagnosis.selection.posterior import Posterior
 from harness.diagnosis.selection.selection_round import SelectionRound, selection_round
-from harness.diagnosis.selection.validation import HeldOut, Judgement, colour_left, error_growth, leaves_nothing
+from harness.diagnosis.selection.validation import HeldOut, Judgement, colour_left, leaves_nothing
 from harness.identification.data import DriveData
 from harness.identification.signal_noise import thinned, white_noise, white_spacing
 from harness.models.quantities import words
@@ -152,8 +152,8 @@ def _grown(fits: CandidateFits, plain: Trace, failures: Failures) -> Trace | Non
     found = _ForwardSelection(everything, 0, failures).grown(first_point(fitting, whole.point))
     found = replace(found, discrepancy=always)
     nominal = less.judge((), plain.nominal.point)
-    worse = error_growth(held_out, less.judge(plain.added, before.point), found.after).beyond_noise
-    if worse or strayed(found.final, parameters.amplitudes):
+    likelier = found.after.log_likelihood > disturbed.judge(plain.added, whole.point).log_likelihood
+    if not likelier or strayed(found.final, parameters.amplitudes):
         # What predicts worse, or with values that no vehicle has, is no answer: the model without a discrepancy stays,
         # and which of its sizes hinge on that is said.
         return replace(plain, hinging=hinges(before, whole, fitting.standard_errors(whole), plain.added))
