@@ -42,6 +42,7 @@ def said(verdict, *added, posterior=None):
         before=excess[0],
         after=excess[1],
         cut_short="",
+        discrepancy=(),
     )
     return answer(trace, Claims(verdict, added, posterior), NOWHERE, VALUES)
 
@@ -124,6 +125,7 @@ def test_a_value_by_an_implausible_factor_is_no_explanation():
         before=SimpleNamespace(normalised_excess_mse=4.0),
         after=SimpleNamespace(normalised_excess_mse=0.01),
         cut_short="",
+        discrepancy=(),
     )
     said = answer(trace, Claims("unresolved", (MANY,), None), NOWHERE, {})
     assert "would explain it, but only with implausible factors: mass 10." in said
