@@ -7,6 +7,7 @@ fitted drives, the likelihood and the simulation error of drives that were never
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -186,6 +187,10 @@ def first_variances(augmented: AugmentedModel, drives: Sequence[DriveData], stat
     return np.maximum(variances, stated) if stated_noise else variances
 
 
+_TURNS = 2
+"""How often what takes the place of additions to a grown model is questioned: of ten, each turn is some thirty fits."""
+
+
 class _ForwardSelection:
     def __init__(
         self,
@@ -225,7 +230,7 @@ class _ForwardSelection:
         fits = self.candidate_fits
         self.nominal = fits.fit((), start, 25)
         added, best, self.rounds = grown(fits, (), self.nominal, "growth")
-        return self._traced(*self._lasting(added, best))
+        return self._traced(*self._lasting(added, best, _TURNS))
 
     def _traced(self, added: Added, best: FittedHypothesis, posterior: Posterior | None) -> Trace:
         """Return the trace that ends in a model."""
@@ -269,11 +274,13 @@ class _ForwardSelection:
             if not fits.refuted.intersection(processes):
                 return added, best, posterior
 
-    def _lasting(self, added: Added, best: FittedHypothesis) -> tuple[Added, FittedHypothesis, Posterior | None]:
+    def _lasting(
+        self, added: Added, best: FittedHypothesis, turns: float = math.inf
+    ) -> tuple[Added, FittedHypothesis, Posterior | None]:
         """Return what of the additions stays or takes their place, its fit, and how likely every model is."""
         return self.failures.attempt(
             "the probability of each model",
-            partial(likeliest, self.candidate_fits, self.rounds, added, best),
+            partial(likeliest, self.candidate_fits, self.rounds, added, best, turns),
             partial(_as_added, added, best),
         )
 

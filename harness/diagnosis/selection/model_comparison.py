@@ -198,7 +198,7 @@ class _Predicted:
 
 
 def likeliest(
-    fits: CandidateFits, rounds: Sequence[Round], added: Added, best: FittedHypothesis
+    fits: CandidateFits, rounds: Sequence[Round], added: Added, best: FittedHypothesis, turns: float = math.inf
 ) -> tuple[Added, FittedHypothesis, Posterior]:
     """Return what of the additions stays or takes their place, its fit, and how likely every model of a trace is.
 
@@ -207,6 +207,7 @@ def likeliest(
         rounds: Of the selection.
         added: What they added.
         best: The fit with all of it.
+        turns: How often what takes the place of additions is questioned in turn, at most.
     """
     compared, alternatives = Comparison(fits, rounds), Alternatives(fits, rounds)
     seen: set[frozenset[Hypothesis]] = set()
@@ -218,6 +219,8 @@ def likeliest(
         if frozenset(kept) in seen:
             return added, best, compared.posterior()
         added, best = kept, fitted
+        if len(seen) >= turns:
+            return added, best, compared.posterior()
 
 
 def _lessened(
