@@ -216,10 +216,9 @@ def likeliest(
         seen.add(frozenset(added))
         alternatives.fit(added, best, needed)
         kept, fitted = compared.likeliest([m for m in fits.models.values() if _may_follow(m[0], added)])
-        if frozenset(kept) in seen:
-            return added, best, compared.posterior()
-        added, best = kept, fitted
-        if len(seen) >= turns:
+        if frozenset(kept) not in seen:
+            added, best = kept, fitted
+        if frozenset(added) in seen or len(seen) >= turns:
             return added, best, compared.posterior()
 
 
@@ -400,9 +399,8 @@ class Comparison:
 
     def _stand_in(self, p: _Predicted) -> float:
         """Return the log odds by which the many parameters of a model stand for something unlisted."""
-        if not any(h.name == ALL_PARAMETERS for h in p.added):
-            return -math.inf
-        return log_stand_in(p.fitted, p.added, self.fits.fitting.information(p.fitted))
+        many = any(h.name == ALL_PARAMETERS for h in p.added)
+        return log_stand_in(p.fitted, p.added, self.fits.fitting.information(p.fitted)) if many else -math.inf
 
 
 def log_held(augmented: AugmentedModel, fitted: FittedHypothesis) -> float:
