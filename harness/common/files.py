@@ -112,8 +112,16 @@ def renewed(page: str, content: str, begin: str, end: str) -> str:
 
 
 def json_text(content: Any) -> str:
-    """Return JSON text of dictionaries, sequences and plain or NumPy scalars; what is not finite becomes ``null``."""
-    return json.dumps(_plain(content), indent=2) + "\n"
+    """Return JSON text of dictionaries, sequences and plain or NumPy scalars; what is not finite becomes ``null``.
+
+    A list of numbers is one line: a matrix with a line for each of its numbers would be mostly spaces.
+    """
+    text = json.dumps(_plain(content), indent=2)
+    return re.sub(r'\[\n[^][{}"]*\]', _on_one_line, text) + "\n"
+
+
+def _on_one_line(match: re.Match[str]) -> str:
+    return f"[{', '.join(match[0][1:-1].replace(',', ' ').split())}]"
 
 
 def _plain(value: Any) -> Any:

@@ -1,5 +1,7 @@
 """TOML: what is written is read again, bit by bit, with its comments."""
 
+import json
+import math
 import os
 import tomllib
 import tracemalloc
@@ -9,7 +11,7 @@ import pytest
 
 from harness.common import places
 from harness.common.errors import UserError
-from harness.common.files import parse_toml, read_toml, refuse_url, renewed, toml_text, write_files
+from harness.common.files import json_text, parse_toml, read_toml, refuse_url, renewed, toml_text, write_files
 from harness.recordings.read.write import check_target
 
 CONTENT = {
@@ -178,3 +180,11 @@ def test_of_a_folder_that_is_not_filled_to_its_end_nothing_is_kept(tmp_path, err
     with pytest.raises(error):
         begun()
     assert [path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*")] == ["store", "store/old"]
+
+
+def test_a_list_of_numbers_is_one_line_of_json():
+    content = {"matrix": [[1.0, 0.5], [math.nan, 1.0]], "words": ["a [\n1,\n2]", "b"], "empty": [], "rows": [{"x": 1}]}
+    text = json_text(content)
+    assert json.loads(text) == {**content, "matrix": [[1.0, 0.5], [None, 1.0]]}
+    assert "[1.0, 0.5]" in text
+    assert text.count("\n") == 16
