@@ -72,7 +72,7 @@ HOW: dict[Callable[[Any, float], Any], tuple[str, tuple[str, ...]]] = {
     ),
     _odds: ("the odds of a share", ("MOST",)),
     _below_one: ("the distance from one", ("SAME", "MASS", "PRIORS.misfit")),
-    _count: ("a count, rounded up", ("TRIED", "ROUNDS", "GROWTH")),
+    _count: ("a count, rounded up", ("TRIED", "ROUNDS", "DIFFERENCES")),
     _decade: ("a p-value by a decade", ("WHITE",)),
 }
 """What is halved and doubled of a number, in words, and of which numbers; a field of a table stands behind a point."""

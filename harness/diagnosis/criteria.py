@@ -93,7 +93,7 @@ STRONG = 10.0
 """Gain in BIC from which the evidence is strong (Kass and Raftery 1995, section 3.2): a model of which much is missing
 anyway takes it up, and so does one that has only to predict."""
 
-GROWTH = 12
+DIFFERENCES = 12
 """Largest number of effects by which such a model grows."""
 
 CORRELATED = 0.15

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from harness.diagnosis.criteria import GROWTH, STRONG, TRIED
+from harness.diagnosis.criteria import DIFFERENCES, STRONG, TRIED
 from harness.diagnosis.fitting import FittedHypothesis
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, hypotheses
@@ -39,7 +39,7 @@ def grown(
     """
     refused: set[Hypothesis] = set()
     rounds: list[Round] = []
-    for number in range(1, GROWTH + 1):
+    for number in range(1, DIFFERENCES + 1):
         rounds.append(_next(SelectionRound(fits, added, [best], f"{what}, round {number}"), refused))
         further = rounds[-1].added
         if further is None or further.fitted is None:
