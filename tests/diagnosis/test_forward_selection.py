@@ -53,7 +53,7 @@ def test_rounds_go_on_where_something_took_the_place_of_an_addition(monkeypatch,
     passes, seen = {(): LAG, **after}, []
 
     monkeypatch.setattr(search._ForwardSelection, "_round", rounds_that_add(passes, seen))
-    monkeypatch.setattr(search, "likeliest", lambda fits, rounds, added, best: (instead.get(added, added), best, None))
+    monkeypatch.setattr(search, "likeliest", lambda _, __, added, best, turns: (instead.get(added, added), best, None))
     fits = fits_of_all()
     found = search._ForwardSelection(fits, 8, RAISED).run()
     assert found.added == final
@@ -75,7 +75,7 @@ def test_a_search_goes_on_from_the_likeliest_model_of_an_earlier_trace(monkeypat
     known = [((ROLL,), FIT), ((GAIN,) if better else (LAG,), FIT)]
     likely = {(GAIN,), better, (LAG,)} if better != (LAG,) else {(GAIN,), (LAG,)}
     monkeypatch.setattr(search._ForwardSelection, "_round", rounds_that_add(passes, seen))
-    monkeypatch.setattr(search, "likeliest", lambda fits, rounds, added, best: (added, best, len(seen)))
+    monkeypatch.setattr(search, "likeliest", lambda fits, rounds, added, best, turns: (added, best, len(seen)))
     monkeypatch.setattr(search, "fit_earlier", lambda fits, earlier, nominal: known)
 
     def likeliest(models):
