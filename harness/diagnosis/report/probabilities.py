@@ -21,11 +21,11 @@ SHOWN = 15
 """Hypotheses drawn per round."""
 
 
-def ranking(selection_round: Round, number: int) -> bytes:
-    """Return the gain of each of the best hypotheses of a round: predicted by the score test, or fitted."""
+def ranking(selection_round: Round, number: int, needed: float = BIC_NEEDED) -> bytes:
+    """Return the gain of each of the best hypotheses of a round, and the one needed: by the score test, or fitted."""
     shown = sorted(selection_round.candidates, key=lambda c: c.bic, reverse=True)[:SHOWN]
     # Compared with a model that leaves its range every gain is infinite: drawn to the edge.
-    end = 2.0 * max([BIC_NEEDED, *(c.bic for c in shown if math.isfinite(c.bic))])
+    end = 2.0 * max([needed, *(c.bic for c in shown if math.isfinite(c.bic))])
     predicted, fitted = style.looks(["predicted", "fitted"]).values()
     with style.drawing():
         fig = style.figure(1.2 + 0.24 * len(shown))
@@ -35,7 +35,7 @@ def ranking(selection_round: Round, number: int) -> bytes:
             look = predicted if c.fitted is None else fitted
             width = min(max(c.bic, 1.0), end)
             axes.barh(y, width, height=0.7, facecolor=look.tint, edgecolor=look.line, hatch=look.hatch)
-        axes.axvline(BIC_NEEDED, color=style.TRUTH, ls=":", lw=0.9)
+        axes.axvline(needed, color=style.TRUTH, ls=":", lw=0.9)
         axes.set_xscale("log")
         axes.set_xlim(1.0, end)
         axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")

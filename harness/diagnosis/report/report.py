@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable
 from functools import partial
 
-from harness.diagnosis.criteria import BIC_NEEDED, ERROR_NEEDED, STRONG, TRIED, WHITE
+from harness.diagnosis.criteria import ERROR_NEEDED, TRIED, WHITE
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, called
 from harness.diagnosis.report import changes, probabilities, residual_sections, study_gain, summary
 from harness.diagnosis.report.probabilities import scaled
@@ -165,21 +165,22 @@ def _rounds(outcome: Outcome) -> list[Block]:
     )
     if outcome.baseline is not None:
         asked = "a simulation error there that does not grow, over the noise of sensors and inputs"
+    needs = f"An addition needs {outcome.bic_needed:.0f} units of BIC on the fitted drives"
     tried = (
-        "those that promise half of the best are fitted jointly with the nominal parameters. An addition needs "
-        f"{BIC_NEEDED:.0f} units of BIC on the fitted drives, a higher likelihood of the held-out drives, and {asked}"
+        f"those that promise half of the best are fitted jointly with the nominal parameters. {needs}, a higher "
+        f"likelihood of the held-out drives, and {asked}"
     )
     if outcome.trace.discrepancy and outcome.baseline is None:
         tried = (
-            "those that promise most are fitted jointly with all stated values and the random processes. An addition "
-            f"needs {STRONG:.0f} units of BIC on the fitted drives and a higher likelihood of the held-out drives"
+            "those that promise most are fitted jointly with all stated values and the random processes. "
+            f"{needs} and a higher likelihood of the held-out drives"
         )
     every = "Every effect of the library at every place, and every parameter that was held fixed."
     blocks: list[Block] = [Prose(plain(f"{every} The score test predicts a gain for each; {tried}."))]
     for number, r in enumerate(outcome.trace.rounds, 1):
         if r.candidates and max(c.bic for c in r.candidates) > 1.0:
             title = f"Gain in BIC of the best hypotheses of round {number}, over the model as it was then."
-            blocks.append(Drawing(partial(probabilities.ranking, r, number), title, title))
+            blocks.append(Drawing(partial(probabilities.ranking, r, number, outcome.bic_needed), title, title))
         fitted = [c for c in r.candidates if c.fitted is not None]
         if fitted:
             blocks.append(_fitted(fitted, r.before.log_likelihood, r.before.normalised_excess_mse, number))

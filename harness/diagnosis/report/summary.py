@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from harness.common.arrays import Floats
-from harness.diagnosis.criteria import BIC_NEEDED
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, called
 from harness.diagnosis.report import study_gain
@@ -111,7 +110,7 @@ def _certainty(outcome: Outcome) -> list[str]:
         gain = r.added.held_out.log_likelihood - r.before.log_likelihood
         text = (
             f"{called(r.added.hypothesis.name)}: {style.number(r.added.bic)} units of BIC on the fitted drives "
-            f"({BIC_NEEDED:.0f} needed), log-likelihood {style.number(gain)} higher on the held-out drives"
+            f"({outcome.bic_needed:.0f} needed), log-likelihood {style.number(gain)} higher on the held-out drives"
         )
         if r is not outcome.trace.rounds[0]:
             text += ", both over the model with what earlier rounds had added"

@@ -16,7 +16,7 @@ import numpy as np
 from harness.common.arrays import Floats
 from harness.common.failures import RAISED, Failures
 from harness.config import ModelSpec
-from harness.diagnosis.criteria import WHITE
+from harness.diagnosis.criteria import BIC_NEEDED, STRONG, WHITE
 from harness.diagnosis.fitting import FittedHypothesis
 from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.residuals.localisation import NOWHERE, Localisation, localised
@@ -178,6 +178,11 @@ class Outcome:
         """Everything that was added, a random process last."""
         process = self.localisation.random_process
         return self.trace.added if process is None else (*self.trace.added, *process.hypotheses)
+
+    @property
+    def bic_needed(self) -> float:
+        """Gain in BIC that an addition needs: where a vehicle differs from its model in many ways, strong evidence."""
+        return STRONG if self.trace.discrepancy and self.baseline is None else BIC_NEEDED
 
     @property
     def after(self) -> Judgement:
