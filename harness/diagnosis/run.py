@@ -26,7 +26,7 @@ from harness.common.failures import Failures
 from harness.common.places import inside
 from harness.common.stages import bar
 from harness.config import ModelSpec
-from harness.diagnosis.criteria import CALM, CORRELATED, INDEPENDENT, ROUNDS
+from harness.diagnosis.criteria import CALM, ROUNDS
 from harness.diagnosis.earlier_trace import EarlierTrace
 from harness.diagnosis.fitting import KeptFits
 from harness.diagnosis.gain_ranges import gain_ranges
@@ -42,12 +42,12 @@ from harness.diagnosis.result.study_gain import REPEATS, StudyGain, refuse_study
 from harness.diagnosis.selection.baseline import learnt, of_roads
 from harness.diagnosis.selection.earlier_models import EarlierDrives
 from harness.diagnosis.selection.forward_selection import trace
+from harness.diagnosis.selection.growth import spacing_of
 from harness.identification.data import DriveData, measurements_of, steered
 from harness.identification.earlier_result import record_of_recordings
 from harness.identification.measured_file import SHORT_BY, SHORTEST, names_of, refuse_repeated
 from harness.identification.planned_drive import driven_otherwise
-from harness.identification.signal_noise import thinned, white_spacing
-from harness.models.quantities import words
+from harness.identification.signal_noise import thinned
 from harness.recordings.check.examine import recording_warnings
 
 _ROUND = re.compile(r"round (\d+):")
@@ -327,10 +327,7 @@ def _since(
     recordings = list(task.baseline)
     named = zip(recordings, names_of(recordings), strict=True)
     recorded = augmented.share(lambda arguments: augmented.drive(*arguments), named)
-    spacing = white_spacing(recorded, CORRELATED, INDEPENDENT)
-    for output, every in zip(augmented.nominal.outputs, spacing, strict=True):
-        if every > 1:
-            say(f"baseline: samples of {words(output)} are taken {every} steps apart, where their noise is white")
+    spacing = spacing_of(augmented, recorded, say)
     earlier = [thinned(d, spacing) for d in recorded]
     baseline = learnt(augmented, earlier, task.free, task.stated_noise, say, kept)
     fitted, held_out = ([thinned(d, spacing) for d in drives] for drives in drives_of(task, baseline.augmented))

@@ -16,7 +16,7 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.common.failures import RAISED, Failures
-from harness.diagnosis.criteria import CORRELATED, EXCESS, FURTHER_CHANGE, INDEPENDENT, ROUNDS, WHITE
+from harness.diagnosis.criteria import DIFFERENCES, EXCESS, FURTHER_CHANGE, ROUNDS, WHITE
 from harness.diagnosis.fitting import FittedHypothesis, Fitting, KeptFits, ParameterPoint
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import Hypothesis, random_processes
@@ -24,14 +24,13 @@ from harness.diagnosis.selection.acceptance import Candidate, Round, beyond_beli
 from harness.diagnosis.selection.candidate_fits import Added, CandidateFits, Say
 from harness.diagnosis.selection.discrepancy import first_point, hinges, with_discrepancy
 from harness.diagnosis.selection.earlier_models import NO_DRIVES, EarlierDrives, EarlierModel, fit_earlier
-from harness.diagnosis.selection.growth import all_parameters, grown
+from harness.diagnosis.selection.growth import all_parameters, grown, spacing_of
 from harness.diagnosis.selection.model_comparison import Comparison, likeliest
 from harness.diagnosis.selection.posterior import Posterior
 from harness.diagnosis.selection.selection_round import SelectionRound, selection_round
 from harness.diagnosis.selection.validation import HeldOut, Judgement, colour_left, leaves_nothing
 from harness.identification.data import DriveData
-from harness.identification.signal_noise import thinned, white_noise, white_spacing
-from harness.models.quantities import words
+from harness.identification.signal_noise import thinned, white_noise
 
 
 @dataclass(frozen=True)
@@ -99,7 +98,7 @@ def trace(
         test: Held-out drives.
         free: Parameters of the nominal model that are fitted in any case.
         say: Is told what is being tried.
-        rounds: Largest number of additions.
+        rounds: Largest number of additions; where a vehicle differs in many ways the default is ``DIFFERENCES``.
         stated_noise: Whether the noise is the stated one, that of the sensors at least, and not refitted. A model of
             a real vehicle is never quite right, and process noise that is fitted to that takes up what is missing.
         failures: Takes a round that cannot be computed; what earlier ones found stands. By default it is raised.
@@ -114,11 +113,11 @@ def trace(
     plain = replace(plain, discrepancy=earlier.always)
     if not augmented.discrepancy or plain.discrepancy or plain.cut_short or _is_whole(plain):
         return plain
-    grows = partial(_grown, fits, plain, failures)
+    grows = partial(_grown, fits, plain, DIFFERENCES if rounds == ROUNDS else rounds, failures)
     return failures.attempt("the discrepancy of the model", grows, lambda _: None) or plain
 
 
-def _grown(fits: CandidateFits, plain: Trace, failures: Failures) -> Trace | None:
+def _grown(fits: CandidateFits, plain: Trace, most: int, failures: Failures) -> Trace | None:
     """Return a trace with discrepancy of a vehicle that differs from its model in many ways; ``None`` if it does not.
 
     Process noise, parameters and effects would all describe the spectrum of coloured noise, so samples are taken as far
@@ -128,14 +127,12 @@ def _grown(fits: CandidateFits, plain: Trace, failures: Failures) -> Trace | Non
     Args:
         fits: Of the search without discrepancy.
         plain: What that found.
+        most: Largest number of additions.
         failures: As in ``trace``.
     """
     augmented, say = fits.augmented, fits.say
     drives = fits.fitting.drives, fits.held_out.drives
-    spacing = white_spacing([*drives[0], *drives[1]], CORRELATED, INDEPENDENT)
-    for output, every in zip(augmented.nominal.outputs, spacing, strict=True):
-        if every > 1:
-            say(f"samples of {words(output)} are taken {every} steps apart, where their noise is white")
+    spacing = spacing_of(augmented, [*drives[0], *drives[1]], say)
     train, test = ([thinned(d, spacing) for d in each] for each in drives)
     variances = fits.held_out.variances
     fitting = Fitting(augmented, train, variances, fits.fitting.noise_held, [*train, *test])
@@ -150,7 +147,7 @@ def _grown(fits: CandidateFits, plain: Trace, failures: Failures) -> Trace | Non
     whole = with_discrepancy(disturbed, plain.added, before)
     if whole is None:
         return None
-    found = _ForwardSelection(everything, 0, failures).grown(first_point(fitting, whole.point))
+    found = _ForwardSelection(everything, most, failures).grown(first_point(fitting, whole.point))
     found = replace(found, discrepancy=always)
     nominal = less.judge((), plain.nominal.point)
     likelier = found.after.log_likelihood > disturbed.judge(plain.added, whole.point).log_likelihood
@@ -197,11 +194,10 @@ class _ForwardSelection:
         candidate_fits: CandidateFits,
         rounds: int,
         failures: Failures = RAISED,
-        first: ParameterPoint | None = None,
         earlier: Sequence[EarlierModel] = (),
     ) -> None:
         self.candidate_fits, self.most, self.failures = candidate_fits, rounds, failures
-        self.first, self.earlier = first, earlier
+        self.earlier = earlier
         self.seen: set[frozenset[Hypothesis]] = set()
         self.rounds: list[Round] = []
         self.cut_short = ""
@@ -229,7 +225,7 @@ class _ForwardSelection:
         """Return what was found of a vehicle that differs from its model in many ways: what is likely of a growth."""
         fits = self.candidate_fits
         self.nominal = fits.fit((), start, 25)
-        added, best, self.rounds = grown(fits, (), self.nominal, "growth")
+        added, best, self.rounds = grown(fits, (), self.nominal, "growth", self.most)
         return self._traced(*self._lasting(added, best, _TURNS))
 
     def _traced(self, added: Added, best: FittedHypothesis, posterior: Posterior | None) -> Trace:

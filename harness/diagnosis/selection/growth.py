@@ -7,15 +7,19 @@ drives.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
-from harness.diagnosis.criteria import DIFFERENCES, STRONG, TRIED
+from harness.diagnosis.criteria import CORRELATED, DIFFERENCES, INDEPENDENT, STRONG, TRIED
 from harness.diagnosis.fitting import FittedHypothesis
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, hypotheses
 from harness.diagnosis.selection.acceptance import Round, distinct
-from harness.diagnosis.selection.candidate_fits import Added, CandidateFits
+from harness.diagnosis.selection.candidate_fits import Added, CandidateFits, Say
 from harness.diagnosis.selection.selection_round import SelectionRound
+from harness.identification.data import DriveData
+from harness.identification.signal_noise import white_spacing
+from harness.models.quantities import words
 
 _STANDS = f"gains more than {STRONG:.0f} units of BIC, and the held-out drives are likelier with it"
 _FALLS = f"nothing gains {STRONG:.0f} units of BIC and makes the held-out drives likelier as well"
@@ -26,8 +30,20 @@ def all_parameters(augmented: AugmentedModel) -> Hypothesis:
     return next(h for h in hypotheses(augmented, ()) if h.name == ALL_PARAMETERS)
 
 
+def spacing_of(augmented: AugmentedModel, drives: Sequence[DriveData], say: Say) -> tuple[int, ...]:
+    """Return how many steps apart samples of each output are taken, and say where that is not every one ``(ny,)``.
+
+    Process noise, parameters and effects would all describe the spectrum of coloured noise.
+    """
+    spacing = white_spacing(drives, CORRELATED, INDEPENDENT)
+    for output, every in zip(augmented.nominal.outputs, spacing, strict=True):
+        if every > 1:
+            say(f"samples of {words(output)} are taken {every} steps apart, where their noise is white")
+    return spacing
+
+
 def grown(
-    fits: CandidateFits, added: Added, best: FittedHypothesis, what: str
+    fits: CandidateFits, added: Added, best: FittedHypothesis, what: str, most: int = DIFFERENCES
 ) -> tuple[Added, FittedHypothesis, list[Round]]:
     """Return a model with what drives show beyond it, effect by effect, its fit, and the rounds of that.
 
@@ -36,10 +52,11 @@ def grown(
         added: What the model has.
         best: Its fit.
         what: Grows, to be told.
+        most: Largest number of additions.
     """
     refused: set[Hypothesis] = set()
     rounds: list[Round] = []
-    for number in range(1, DIFFERENCES + 1):
+    for number in range(1, most + 1):
         rounds.append(_next(SelectionRound(fits, added, [best], f"{what}, round {number}"), refused))
         further = rounds[-1].added
         if further is None or further.fitted is None:
