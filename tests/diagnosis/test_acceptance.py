@@ -383,7 +383,8 @@ def test_what_took_the_place_of_an_effect_says_how_sure_that_is():
     def certainty(*kept):
         dropped = tuple(h for h in (gain,) if h not in kept)
         trace = SimpleNamespace(rounds=(round_,), added=kept, dropped=dropped)
-        return _certainty(SimpleNamespace(trace=trace, localisation=SimpleNamespace(random_process=None)))
+        localisation = SimpleNamespace(random_process=None)
+        return _certainty(SimpleNamespace(trace=trace, localisation=localisation, bic_needed=4.0))
 
     assert [line.split(":")[0] for line in certainty(gain)] == ["sensor gain"]
     (line,) = certainty(inertia)
