@@ -55,7 +55,8 @@ def test_rounds_go_on_where_something_took_the_place_of_an_addition(monkeypatch,
     monkeypatch.setattr(search._ForwardSelection, "_round", rounds_that_add(passes, seen))
     monkeypatch.setattr(search, "likeliest", lambda _, __, added, best, turns: (instead.get(added, added), best, None))
     fits = fits_of_all()
-    found = search._ForwardSelection(fits, 8, RAISED).run()
+    selection = search._ForwardSelection(fits, 8, RAISED)
+    found = selection.completed(selection.first())
     assert found.added == final
     assert seen == asked
     assert set(found.dropped) == {h for r in found.rounds if r.added for h in [r.added.hypothesis]} - set(final)
@@ -83,7 +84,8 @@ def test_a_search_goes_on_from_the_likeliest_model_of_an_earlier_trace(monkeypat
 
     monkeypatch.setattr(search, "Comparison", lambda fits, rounds: SimpleNamespace(likeliest=likeliest))
     fits = fits_of_all()
-    found = search._ForwardSelection(fits, 8, RAISED).run()
+    selection = search._ForwardSelection(fits, 8, RAISED)
+    found = selection.completed(selection.first())
     assert (found.added, seen) == (final, asked)
     assert found.posterior == len(asked)  # of all that was fitted
 

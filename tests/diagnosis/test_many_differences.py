@@ -15,10 +15,14 @@ EFFECTS = ("steering_delay", "steering_backlash", "tyre_relaxation@front")
 
 
 @pytest.fixture(scope="module")
-def grown(augmented):
+def drives(augmented):
     values = {"unmodelled_force": FORCE, "unmodelled_lever": 0.0, MEMORY: 0.2, **SIZES}
     recordings = [driven(seed, ["unmodelled_force", *EFFECTS], **values) for seed in (191, 192, 193)]
-    drives = [augmented.drive(r, f"drive {i}") for i, r in enumerate(recordings)]
+    return [augmented.drive(r, f"drive {i}") for i, r in enumerate(recordings)]
+
+
+@pytest.fixture(scope="module")
+def grown(augmented, drives):
     return trace(augmented, drives[:2], drives[2:], FREE)
 
 
@@ -37,3 +41,13 @@ def test_the_answer_states_what_is_left(grown):
     claims = claims_of(grown, NOWHERE, coloured=False)
     assert claims.verdict == "unresolved"
     assert " What else it lacks acts as a random force of " in answer(grown, claims, NOWHERE, {})
+
+
+def test_it_grows_as_soon_as_a_plain_search_has_no_room_and_by_no_more_than_is_stated(augmented, drives):
+    said = []
+    grown = trace(augmented, drives[:2], drives[2:], FREE, said.append, rounds=2)
+    assert grown.discrepancy
+    assert sum(len(r.added.hypothesis.single) for r in grown.rounds if r.added) == 2
+    first = next(i for i, line in enumerate(said) if line.startswith("growth, round 1:"))
+    assert "how likely is each model?" not in said[:first]
+    assert "how likely is each model?" in said[first:]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -109,55 +109,102 @@ def trace(
     fitting = Fitting(augmented, train, variances, stated_noise, [*train, *test])
     held_out = HeldOut(augmented, test, variances)
     fits = CandidateFits(fitting, held_out, tuple(free), say, kept, earlier.always)
-    plain = _ForwardSelection(fits, rounds, failures, earlier=earlier.models).run()
-    plain = replace(plain, discrepancy=earlier.always)
-    if not augmented.discrepancy or plain.discrepancy or plain.cut_short or _is_whole(plain):
+    search = _ForwardSelection(fits, rounds, failures, earlier=earlier.models)
+    first = search.first()
+    if not augmented.discrepancy or earlier.always:
+        return replace(search.completed(first), discrepancy=earlier.always)
+    growth = _Growth(fits, DIFFERENCES if rounds == ROUNDS else rounds, failures)
+    full = _size(first.added) >= rounds and not first.cut_short and not earlier.models
+    if full and not _is_whole(first) and (differing := growth.answer(first, completed=False)) is not None:
+        return differing
+    plain = search.completed(first)
+    if plain.cut_short or _is_whole(plain):
         return plain
-    grows = partial(_grown, fits, plain, DIFFERENCES if rounds == ROUNDS else rounds, failures)
-    return failures.attempt("the discrepancy of the model", grows, lambda _: None) or plain
+    return growth.answer(plain) or plain
 
 
-def _grown(fits: CandidateFits, plain: Trace, most: int, failures: Failures) -> Trace | None:
-    """Return a trace with discrepancy of a vehicle that differs from its model in many ways; ``None`` if it does not.
+class _Growth:
+    """Traces with discrepancy, of vehicles that differ from their model in many ways.
 
     Process noise, parameters and effects would all describe the spectrum of coloured noise, so samples are taken as far
     apart as it is white. All stated parameters are free within their priors, and the model grows by whatever the drives
     show. What is likely of that stays.
-
-    Args:
-        fits: Of the search without discrepancy.
-        plain: What that found.
-        most: Largest number of additions.
-        failures: As in ``trace``.
     """
-    augmented, say = fits.augmented, fits.say
-    drives = fits.fitting.drives, fits.held_out.drives
-    spacing = spacing_of(augmented, [*drives[0], *drives[1]], say)
-    train, test = ([thinned(d, spacing) for d in each] for each in drives)
-    variances = fits.held_out.variances
-    fitting = Fitting(augmented, train, variances, fits.fitting.noise_held, [*train, *test])
-    held_out = HeldOut(augmented, test, variances)
 
-    always, parameters = random_processes(augmented), all_parameters(augmented)
-    less, disturbed, everything = (
-        CandidateFits(fitting, held_out, fits.free, say, fits.kept, parts)
-        for parts in ((), always, (*always, parameters))
-    )
-    before = less.fit(plain.added, plain.final.point, afresh=False)
-    whole = with_discrepancy(disturbed, plain.added, before)
-    if whole is None:
-        return None
-    found = _ForwardSelection(everything, most, failures).grown(first_point(fitting, whole.point))
-    found = replace(found, discrepancy=always)
-    nominal = less.judge((), plain.nominal.point)
-    likelier = found.after.log_likelihood > disturbed.judge(plain.added, whole.point).log_likelihood
-    if not likelier or strayed(found.final, parameters.amplitudes):
-        # What predicts worse, or with values that no vehicle has, is no answer: the model without a discrepancy stays,
-        # and which of its sizes hinge on that is said.
-        return replace(plain, hinging=hinges(before, whole, fitting.standard_errors(whole), plain.added))
-    without = everything.fit(found.added, replace(found.final.point, values=_undisturbed(augmented, found.final.point)))
-    hinging = hinges(without, found.final, fitting.standard_errors(found.final), found.added)
-    return replace(found, hinging=hinging, nominal=plain.nominal, before=nominal)
+    def __init__(self, fits: CandidateFits, most: int, failures: Failures) -> None:
+        """Keep what growth needs.
+
+        Args:
+            fits: Of the search without discrepancy.
+            most: Largest number of additions.
+            failures: As in ``trace``.
+        """
+        self.fits, self.most, self.failures, self.refused = fits, most, failures, False
+
+    def answer(self, plain: Trace, completed: bool = True) -> Trace | None:
+        """Return the grown trace of a vehicle that differs in many ways, else the plain one with what hinges on that.
+
+        Growth does not depend on what the plain search ended in, so it is tried once.
+
+        Args:
+            plain: What a search without discrepancy found.
+            completed: Whether that search is over; if not, there is no answer without growth.
+
+        Returns:
+            ``None`` where no discrepancy is worth it, or a search without it goes on.
+        """
+        return self.failures.attempt(
+            "the discrepancy of the model", partial(self._answer, plain, completed), lambda _: None
+        )
+
+    def _answer(self, plain: Trace, completed: bool) -> Trace | None:
+        less, disturbed, _ = self._each
+        before = less.fit(plain.added, plain.final.point, afresh=False)
+        whole = with_discrepancy(disturbed, plain.added, before)
+        if whole is None:
+            return None
+        grown_trace = None if self.refused else self._grown(plain, whole)
+        self.refused = grown_trace is None
+        if grown_trace is not None or not completed:
+            return grown_trace
+        return replace(plain, hinging=hinges(before, whole, disturbed.fitting.standard_errors(whole), plain.added))
+
+    @cached_property
+    def _each(self) -> tuple[CandidateFits, CandidateFits, CandidateFits]:
+        """Fits without discrepancy, with it, and with all stated parameters free as well."""
+        augmented, fitting, held_out = self.fits.augmented, self.fits.fitting, self.fits.held_out
+        spacing = spacing_of(augmented, [*fitting.drives, *held_out.drives], self.fits.say)
+        train, test = ([thinned(d, spacing) for d in each] for each in (fitting.drives, held_out.drives))
+        fitting = Fitting(augmented, train, held_out.variances, fitting.noise_held, [*train, *test])
+        judged = HeldOut(augmented, test, held_out.variances)
+        always = random_processes(augmented)
+        less, disturbed, everything = (
+            CandidateFits(fitting, judged, self.fits.free, self.fits.say, self.fits.kept, parts)
+            for parts in ((), always, (*always, all_parameters(augmented)))
+        )
+        return less, disturbed, everything
+
+    def _grown(self, plain: Trace, whole: FittedHypothesis) -> Trace | None:
+        """Return what grows from the nominal model.
+
+        What predicts worse than the plain model with a discrepancy, or with values that no vehicle has, is no answer.
+        """
+        augmented = self.fits.augmented
+        less, disturbed, everything = self._each
+        search = _ForwardSelection(everything, self.most, self.failures)
+        differing = search.grown(first_point(everything.fitting, whole.point))
+        likelier = differing.after.log_likelihood > disturbed.judge(plain.added, whole.point).log_likelihood
+        if not likelier or strayed(differing.final, all_parameters(augmented).amplitudes):
+            return None
+        point, added = differing.final.point, differing.added
+        without = everything.fit(added, replace(point, values=_undisturbed(augmented, point)))
+        return replace(
+            differing,
+            discrepancy=disturbed.always,
+            hinging=hinges(without, differing.final, everything.fitting.standard_errors(differing.final), added),
+            nominal=plain.nominal,
+            before=less.judge((), plain.nominal.point),
+        )
 
 
 def _undisturbed(augmented: AugmentedModel, point: ParameterPoint) -> Floats:
@@ -202,21 +249,26 @@ class _ForwardSelection:
         self.rounds: list[Round] = []
         self.cut_short = ""
 
-    def run(self) -> Trace:
-        """Return what was found by rounds from the nominal model, and from the likeliest one of an earlier trace.
+    def first(self) -> Trace:
+        """Return what rounds from the nominal model add until nothing is accepted."""
+        fits = self.candidate_fits
+        fits.say("fitting the nominal model")
+        self.nominal = fits.fit((), fits.fitting.first(), 25)
+        self.earlier_fits = self.failures.attempt(
+            "the models of the earlier trace", lambda: fit_earlier(fits, self.earlier, self.nominal), lambda _: []
+        )
+        return self._traced(*self._forward((), self.nominal), None)
+
+    def completed(self, first: Trace) -> Trace:
+        """Return what was found by going on from the first rounds, and from the likeliest model of an earlier trace.
 
         Both see what the other has fitted. A search from the nominal model alone may end elsewhere with other noise.
         """
         fits = self.candidate_fits
-        fits.say("fitting the nominal model")
-        self.nominal = fits.fit((), fits.fitting.first(), 25)
-        known = self.failures.attempt(
-            "the models of the earlier trace", lambda: fit_earlier(fits, self.earlier, self.nominal), lambda _: []
-        )
-        added, best, posterior = self._from((), self.nominal)
-        start = Comparison(fits, self.rounds).likeliest(known) if known else None
+        added, best, posterior = self._from(first.added, first.final)
+        start = Comparison(fits, self.rounds).likeliest(self.earlier_fits) if self.earlier_fits else None
         if start is not None and frozenset(start[0]) not in self.seen:
-            other, second, posterior = self._from(*start)
+            other, second, posterior = self._from(*self._forward(*start))
             ends = [end for end in ((added, best), (other, second)) if not fits.refuted.intersection(end[0])]
             added, best = Comparison(fits, self.rounds).likeliest(ends)
         return self._traced(added, best, posterior)
@@ -249,26 +301,27 @@ class _ForwardSelection:
         )
 
     def _from(self, added: Added, best: FittedHypothesis) -> tuple[Added, FittedHypothesis, Posterior | None]:
-        """Return a model with what rounds add until nothing is accepted, and what of it stays or takes its place.
+        """Return what of a model that rounds have led to stays or takes its place.
 
         Where something took the place of an addition, what it leaves is another rest, so rounds go on from there. So
         they do without a random process of the vehicle or its road that does not make the model whole.
         """
         fits = self.candidate_fits
         while True:
-            added, best = self._forward(added, best)
             self.seen.add(frozenset(added))
             kept, best, posterior = self._lasting(added, best)
             instead = set(kept) - set(added)
             added = kept
             if instead and frozenset(added) not in self.seen:
                 self.seen.add(frozenset(added))  # what follows may lead back to it
+                added, best = self._forward(added, best)
                 continue
             processes = [h for h in added if h.random and not h.of_recording]
             for h in processes:
                 added, best = self._if_whole(added, best, h)
             if not fits.refuted.intersection(processes):
                 return added, best, posterior
+            added, best = self._forward(added, best)
 
     def _lasting(
         self, added: Added, best: FittedHypothesis, turns: float = math.inf
