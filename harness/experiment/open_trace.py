@@ -154,9 +154,10 @@ def _in_the_place(first: RivalModel, model: Mapping[str, Any], other: Mapping[st
     """Return a model with one addition instead of another, whose amplitude does the same over the drives so far.
 
     What these say of the amplitude that goes they so say of the one that comes; the shapes that go with it stay fixed.
+    So does what is known already of the one that comes, where earlier drives of the vehicle left it free.
     """
     goes, *shapes = other["parameters"]
-    kept = [i for i, name in enumerate(first.values) if name not in shapes]
+    kept = [i for i, name in enumerate(first.values) if name not in (*shapes, other["amplitude"])]
     names = [list(first.values)[i] for i in kept]
     scale = np.array([other["value"] / first.values[n] if n == goes else 1.0 for n in names])
     square = np.ix_(kept, kept)

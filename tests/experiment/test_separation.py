@@ -256,9 +256,14 @@ def test_what_is_alike_in_a_model_becomes_a_rival_of_its_own(tmp_path):
     np.testing.assert_allclose(delay.correlation, [[1.0, 0.5], [0.5, 1.0]])
     np.testing.assert_allclose(delay.at_levels[0].information, [[1.0, 2.0], [2.0, 4.0]])
     np.testing.assert_allclose(delay.at_levels[0].gradient, [0.0, 4.0])
+    model["alike"][0] |= {"name": "mass", "kind": "parameter", "amplitude": "mass", "value": 1400.0}
+    (tmp_path / "trace.json").write_text(json.dumps(content))
+    mass = read_trace(tmp_path).rivals[1]  # is free already, as all stated values are behind a baseline
+    assert mass.values == {"mass": pytest.approx(1400.0)}
+    np.testing.assert_allclose(mass.errors, [0.001 * 1400.0 / 0.02])
     model["added"].append([{"name": "roll_steer@front", "kind": "effect"}])
     (tmp_path / "trace.json").write_text(json.dumps(content))
-    assert [r.name for r in read_trace(tmp_path).rivals] == ["steering lag", "steering delay"]  # not what both have
+    assert [r.name for r in read_trace(tmp_path).rivals] == ["steering lag", "mass"]  # not what both have
     assert [len(r.added) for r in read_trace(tmp_path).rivals] == [2, 2]
 
 

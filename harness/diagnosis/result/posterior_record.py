@@ -101,13 +101,15 @@ def _model(m: ComparedModel) -> dict[str, Any]:
 def _alike(m: ComparedModel, augmented: AugmentedModel) -> list[dict[str, Any]]:
     """Return what may stand in the place of an addition, with the amplitude that does the same and its share."""
     values = {c.name: m.fitted.point.value(c) for c in m.fitted.coordinates}
+    nominal = dict(zip(augmented.names, augmented.stated(), strict=True))
     instead = []
     for alike in m.added:
         first, *others = alike.hypotheses
         for h, share, ratio in zip(others, alike.shares[1:], alike.ratios[1:], strict=False):
-            p = augmented.model.parameters[augmented.row(h.amplitudes[0])]
-            value = ratio * values.get(first.amplitudes[0], math.nan)
-            if value and p.lower <= value <= p.upper:
+            p, moved = augmented.model.parameters[augmented.row(h.amplitudes[0])], first.amplitudes[0]
+            change = ratio * (values.get(moved, math.nan) - nominal[moved])
+            value = values.get(p.name, nominal[p.name]) + change
+            if change and p.lower <= value <= p.upper:
                 instead.append({
                     "instead_of": first.name, "parameters": [*first.amplitudes, *first.shapes], "name": h.name,
                     "kind": h.kind, "amplitude": p.name, "value": value, "share": share,
