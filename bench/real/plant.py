@@ -61,6 +61,9 @@ THERE = (
 )
 """Effects of the library that every plant has anyway, if only a little; to name one of them is no invention."""
 
+THERE_TOO = {"semitrailer": ("kingpin_friction",)}
+"""Those of one vehicle."""
+
 PROCESS_NOISE = {
     "car": {"lateral_velocity": 4e-6, "yaw_rate": 1.2e-7},
     "semitrailer": {
@@ -113,7 +116,7 @@ def seal(case: Case, repeat: int, truth: Truth, stories: Mapping[str, Any]) -> d
         "kind": case.kind,
         "magnitude": case.magnitude,
         "change": None if change is None else asdict(change),
-        "there": list(THERE),
+        "there": [*THERE, *THERE_TOO.get(case.vehicle, ())],
         "values": dict(truth.values),
         "column": dict(truth.column),
         "recording": asdict(truth.logger),

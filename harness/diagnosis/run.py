@@ -26,7 +26,7 @@ from harness.common.failures import Failures
 from harness.common.places import inside
 from harness.common.stages import bar
 from harness.config import ModelSpec
-from harness.diagnosis.criteria import CALM, ROUNDS
+from harness.diagnosis.criteria import CALM
 from harness.diagnosis.earlier_trace import EarlierTrace
 from harness.diagnosis.fitting import KeptFits
 from harness.diagnosis.gain_ranges import gain_ranges
@@ -50,7 +50,7 @@ from harness.identification.planned_drive import driven_otherwise
 from harness.identification.signal_noise import thinned
 from harness.recordings.check.examine import recording_warnings
 
-_ROUND = re.compile(r"round (\d+):")
+_ROUND, _GROWTH = re.compile(r"round (\d+):"), "growth, round "
 
 
 class Stages:
@@ -58,7 +58,7 @@ class Stages:
 
     How many rounds there will be is not known. The last one adds nothing and is as long as the one before it or
     shorter, so that is what is left of them at least. What follows the rounds, where every addition is questioned,
-    takes about as long as they did: with many additions longer, with few or none far shorter.
+    takes about as long as they did: with many additions longer, with few or none far shorter. Of growth it is not said.
 
     Args:
         clock: Returns s.
@@ -73,6 +73,8 @@ class Stages:
         """Return a stage in a line: what, since when, and about how long it takes yet where that can be said."""
         now = self._clock()
         match = _ROUND.match(what)
+        if what.startswith(_GROWTH):
+            self._rounds, self._round = [], 0
         if match and int(match[1]) > self._round:
             if self._round:
                 self._rounds.append(min(now, self._ended) - self._since)
@@ -168,7 +170,7 @@ class TraceTask:
         study: Study that is run with the amended model as the plant and both as beliefs, if any.
         repeats: Its runs of each level and drive with other noise.
         excluded: Effects that are not tried.
-        rounds: Largest number of additions.
+        rounds: Largest number of additions, as in ``trace``.
         stated_noise: Whether the noise is held as stated.
         jobs: Threads; all cores by default.
         notes: What else the report has to say about the recordings.
@@ -185,7 +187,7 @@ class TraceTask:
     study: Path | None = None
     repeats: int = REPEATS
     excluded: frozenset[str] = frozenset()
-    rounds: int = ROUNDS
+    rounds: int | None = None
     stated_noise: bool = False
     jobs: int | None = None
     notes: tuple[str, ...] = ()

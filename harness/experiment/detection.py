@@ -64,7 +64,10 @@ class LikeliestModel:
         n, model = len(self._names), self._goal.model
         planned = model.drive(without_outputs(drive.profile, model.model), drive.drive.name)
         data = replace(planned, measurements=drive.data[0].measurements)
-        if self._goal.is_calm(data) or not math.isfinite((run := model.run(data, self._point)).log_likelihood):
+        if self._goal.is_calm(data):
+            return np.zeros((n, n))
+        data = self._goal.drives.as_recorded(data, model.model.outputs)
+        if not math.isfinite((run := model.run(data, self._point)).log_likelihood):
             return np.zeros((n, n))
         directions = model.along(self._names) * self._scales
         tangent = model.sensitivities(data, self._point.values, directions, run).reshape(-1, n)

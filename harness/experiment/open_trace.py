@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,8 @@ from harness.config import ModelSpec
 from harness.diagnosis.earlier_trace import TRACE
 from harness.diagnosis.result.shown_effects import detection_limits
 from harness.experiment.information import fitted_spec
+from harness.identification.data import DriveData
+from harness.identification.signal_noise import thinned
 from harness.models.quantities import words
 
 _MOST = 4
@@ -32,11 +34,17 @@ class DrivesSoFar:
         levels: Levels of the process noise: variances per step by state.
         fitted: s of driving that were fitted.
         held_out: s of driving that judged: a trace leaves out the first seconds of a drive.
+        spacing: How many steps apart samples of each output are; one where it is not stated.
     """
 
     levels: tuple[Mapping[str, float], ...]
     fitted: float
     held_out: float
+    spacing: Mapping[str, int] = field(default_factory=dict)
+
+    def as_recorded(self, drive: DriveData, outputs: Iterable[str]) -> DriveData:
+        """Return a planned drive with samples as far apart as those of the drives so far."""
+        return thinned(drive, [self.spacing.get(name, 1) for name in outputs])
 
 
 @dataclass(frozen=True)
@@ -121,7 +129,8 @@ def read_trace(folder: Path, least: int = 2) -> OpenTrace:
         content: dict[str, Any] = json.loads(read_text(file))
         confusable, none = content["confusable"], float(content["posterior"]["none_of_these"])
         outputs, noise = list(content["error"]), confusable["noise"]
-        drives = DrivesSoFar(tuple(noise["levels"]), float(noise["fitted_seconds"]), float(noise["held_out_seconds"]))
+        seconds = float(noise["fitted_seconds"]), float(noise["held_out_seconds"])
+        drives = DrivesSoFar(tuple(noise["levels"]), *seconds, noise.get("spacing", {}))
         each = [r for m in confusable["models"] for r in _rivals(m)]
         rivals = tuple(sorted(each, key=lambda r: -r.share)[:_MOST])
     except (ValueError, KeyError, TypeError) as error:
@@ -159,7 +168,9 @@ def _in_the_place(first: RivalModel, model: Mapping[str, Any], other: Mapping[st
     goes, *shapes = other["parameters"]
     kept = [i for i, name in enumerate(first.values) if name not in (*shapes, other["amplitude"])]
     names = [list(first.values)[i] for i in kept]
-    scale = np.array([other["value"] / first.values[n] if n == goes else 1.0 for n in names])
+    # Traces of earlier versions hold no ratio; there both amplitudes are zero in the nominal model.
+    ratio = other.get("ratio") or other["value"] / first.values[goes]
+    scale = np.array([ratio if n == goes else 1.0 for n in names])
     square = np.ix_(kept, kept)
     at_levels = tuple(
         AtLevel(at.log_posterior, at.gradient[kept] / scale, at.information[square] / np.outer(scale, scale))
@@ -172,7 +183,7 @@ def _in_the_place(first: RivalModel, model: Mapping[str, Any], other: Mapping[st
         _named(added),
         added,
         first.share * other["share"],
-        {other["amplitude"] if n == goes else n: s * first.values[n] for n, s in zip(names, scale, strict=True)},
+        {other["amplitude"] if n == goes else n: other["value"] if n == goes else first.values[n] for n in names},
         first.errors[kept] * np.abs(scale),
         first.correlation[square] * np.outer(np.sign(scale), np.sign(scale)),
         first.measurement_noise,

@@ -163,11 +163,12 @@ class SeparationGoal:
         squares, slopes, information = np.zeros(shape), np.zeros((*shape, n)), np.zeros((*shape, n, n))
         calm = any(map(self.is_calm, drive.data))
         for i, data in enumerate(() if calm else drive.data):
+            recorded = self.drives.as_recorded(data, self.model.model.outputs)
             for j, rival in enumerate(self.filters):
                 if j == i:
                     continue
                 k = len(rival.coordinates)
-                *both, own = rival.over(self.model, data, BLOCK)
+                *both, own = rival.over(self.model, recorded, BLOCK)
                 for part, parts in enumerate(both):
                     squares[part, i, j] = parts.squares
                     slopes[part, i, j, :, :k] = parts.slope

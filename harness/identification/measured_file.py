@@ -171,7 +171,9 @@ class MeasuredFile(StrictTable):
     test: list[SpanTable] = Field(min_length=1, description="held-out drives")
     method: Name = Field(default="likelihood", description="file in harness/identification/methods")
     settings: dict[str, Any] = Field(default_factory=dict, description="settings of the method")
-    rounds: Annotated[StrictInt, Field(ge=1, le=20)] = Field(default=8, description="largest number of additions")
+    rounds: Annotated[StrictInt, Field(ge=1, le=20)] | None = Field(
+        default=None, description="largest number of additions"
+    )
     estimators: list[Name] = Field(
         default_factory=lambda: list(traced()), description="estimators to run on the held-out drives with both models"
     )

@@ -8,6 +8,7 @@ import pytest
 
 from harness.diagnosis.fitting import Fitting, ParameterPoint
 from harness.diagnosis.model.hypotheses import Hypothesis, hypotheses
+from harness.diagnosis.selection.acceptance import ratio
 from harness.diagnosis.selection.candidate_fits import CandidateFits
 from harness.diagnosis.selection.forward_selection import first_variances
 from harness.diagnosis.selection.score_test import ScoreTest
@@ -110,3 +111,12 @@ def test_what_is_left_goes_no_further_than_its_bounds(common, loss):
     )
     fitted = SimpleNamespace(coordinates=(one, other), point=SimpleNamespace(value=lambda c: at[c.name]))
     assert losses(fits, (h,), fitted)[h] == pytest.approx(2.0 * loss)
+
+
+def test_the_ratio_of_two_hypotheses_is_that_of_what_they_change(augmented, fits):
+    known = {h.name: h for h in hypotheses(augmented, FREE)}
+    tried = [known["steering_offset"], known["yaw_inertia"]]
+    offset, inertia = ScoreTest(fits.fitting, fits.fit((), fits.fitting.first())).of(tried)
+    change = inertia.amplitudes[0] - augmented.stated()[augmented.row("yaw_inertia")]
+    assert offset.amplitudes[0] != 0.0
+    assert ratio(inertia, offset) == pytest.approx(change / offset.amplitudes[0])

@@ -77,7 +77,7 @@ def rival(spec, name, share, error=0.3, costs=(0.0,), **added):
     return RivalModel(name, (), share, values, errors, np.eye(len(values)), dict(spec.measurement_noise), tuple(says))
 
 
-def opened(costs=(0.0,)):
+def opened(costs=(0.0,), spacing=1):
     """Return a trace that left three models, at levels of the process noise a hundredfold each, with what they cost."""
     spec = resolve_single(CAR, "test")
     rivals = (
@@ -86,7 +86,8 @@ def opened(costs=(0.0,)):
         rival(spec, "nothing", 0.2, costs=costs),
     )
     levels = tuple({s: 100.0**k * v for s, v in spec.process_noise.items()} for k in range(len(costs)))
-    return OpenTrace(spec, rivals, DrivesSoFar(levels, 80.0, 40.0), 0.1)
+    every = dict.fromkeys(spec.model().outputs, spacing)
+    return OpenTrace(spec, rivals, DrivesSoFar(levels, 80.0, 40.0, every), 0.1)
 
 
 @pytest.fixture(scope="module")
@@ -103,6 +104,12 @@ def test_a_step_tells_a_lag_from_inertia_and_a_ramp_does_not(goal):
     distance, _ = goal.distances(step)
     assert distance[0, 1] > 4.0 * goal.distances(ramp)[0][0, 1]
     np.testing.assert_allclose(np.diagonal(distance), 0.0)
+
+
+def test_planned_drives_have_samples_as_far_apart_as_those_so_far(goal):
+    seldom = SeparationGoal(opened(spacing=4))
+    every, fourth = (g.distances(evidence_of(g, "step", [0.5, 0.5, 0.2]))[0] for g in (goal, seldom))
+    assert 0.1 * every[0, 1] < fourth[0, 1] < 0.5 * every[0, 1]
 
 
 def test_a_rival_takes_up_misfit_by_larger_variances_as_far_as_the_drives_so_far_allow_it(goal):
@@ -232,7 +239,7 @@ def test_what_is_alike_in_a_model_becomes_a_rival_of_its_own(tmp_path):
     model = {
         "added": [[{"name": "steering_lag", "kind": "effect"}, {"name": "steering_delay", "kind": "effect"}]],
         "alike": [{"instead_of": "steering_lag", "parameters": ["steering_lag", "extra"], "name": "steering_delay",
-                   "kind": "effect", "amplitude": "steering_delay", "value": 0.03, "share": 0.25}],
+                   "kind": "effect", "amplitude": "steering_delay", "value": 0.03, "ratio": 1.5, "share": 0.25}],
         "share": 0.8,
         "estimates": [{"name": n, "value": v, "standard_error": e}
                       for n, v, e in (("mass", 1500.0, 10.0), ("steering_lag", 0.02, 0.001), ("extra", 3.0, 1.0))],
@@ -256,11 +263,11 @@ def test_what_is_alike_in_a_model_becomes_a_rival_of_its_own(tmp_path):
     np.testing.assert_allclose(delay.correlation, [[1.0, 0.5], [0.5, 1.0]])
     np.testing.assert_allclose(delay.at_levels[0].information, [[1.0, 2.0], [2.0, 4.0]])
     np.testing.assert_allclose(delay.at_levels[0].gradient, [0.0, 4.0])
-    model["alike"][0] |= {"name": "mass", "kind": "parameter", "amplitude": "mass", "value": 1400.0}
+    model["alike"][0] |= {"name": "mass", "kind": "parameter", "amplitude": "mass", "value": 1400.0, "ratio": -5e3}
     (tmp_path / "trace.json").write_text(json.dumps(content))
     mass = read_trace(tmp_path).rivals[1]  # is free already, as all stated values are behind a baseline
     assert mass.values == {"mass": pytest.approx(1400.0)}
-    np.testing.assert_allclose(mass.errors, [0.001 * 1400.0 / 0.02])
+    np.testing.assert_allclose(mass.errors, [5.0])  # kg
     model["added"].append([{"name": "roll_steer@front", "kind": "effect"}])
     (tmp_path / "trace.json").write_text(json.dumps(content))
     assert [r.name for r in read_trace(tmp_path).rivals] == ["steering lag", "mass"]  # not what both have

@@ -170,12 +170,13 @@ def _rounds(outcome: Outcome) -> list[Block]:
         f"those that promise half of the best are fitted jointly with the nominal parameters. {needs}, a higher "
         f"likelihood of the held-out drives, and {asked}"
     )
+    every = "Every effect of the library at every place, and every parameter that was held fixed."
     if outcome.trace.discrepancy and outcome.baseline is None:
+        every = "Every effect of the library at every place that acts throughout the drives."
         tried = (
             "those that promise most are fitted jointly with all stated values and the random processes. "
             f"{needs} and a higher likelihood of the held-out drives"
         )
-    every = "Every effect of the library at every place, and every parameter that was held fixed."
     blocks: list[Block] = [Prose(plain(f"{every} The score test predicts a gain for each; {tried}."))]
     for number, r in enumerate(outcome.trace.rounds, 1):
         if r.candidates and max(c.bic for c in r.candidates) > 1.0:

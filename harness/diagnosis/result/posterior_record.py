@@ -112,7 +112,7 @@ def _alike(m: ComparedModel, augmented: AugmentedModel) -> list[dict[str, Any]]:
             if change and p.lower <= value <= p.upper:
                 instead.append({
                     "instead_of": first.name, "parameters": [*first.amplitudes, *first.shapes], "name": h.name,
-                    "kind": h.kind, "amplitude": p.name, "value": value, "share": share,
+                    "kind": h.kind, "amplitude": p.name, "value": value, "ratio": ratio, "share": share,
                 })  # fmt: skip
     return instead
 
@@ -134,14 +134,21 @@ def _noise_levels(fitting: Fitting, models: Sequence[FittedHypothesis]) -> Float
 
 
 def _record_of_levels(fitting: Fitting, held_out: Sequence[DriveData], fitted: FittedHypothesis, levels: Floats) -> Any:
-    """Return the levels as variances per step by state, and for how long was driven and judged, in s."""
+    """Return the levels as variances per step by state, for how long was driven and judged, in s, and the sampling."""
     states = fitting.augmented.spec.model().states
     variances = fitting.noise([replace(fitted.point, process=level) for level in levels]).process
     return {
+        "spacing": dict(zip(fitting.augmented.model.outputs, _spacing(fitting.drives), strict=True)),
         "levels": [dict(zip(states, column.tolist(), strict=True)) for column in variances.T],
         "fitted_seconds": sum(float(d.time[-1]) for d in fitting.drives),
         "held_out_seconds": sum(judging(float(d.time[-1])) for d in held_out),
     }
+
+
+def _spacing(drives: Sequence[DriveData]) -> list[int]:
+    """Return how many steps apart samples of each output are, as a rule ``(ny,)``."""
+    there = np.isfinite(np.vstack([d.measurements for d in drives]))
+    return [int(np.median(np.diff(np.flatnonzero(column)))) if np.sum(column) > 1 else 1 for column in there.T]
 
 
 def _at_levels(fitting: Fitting, fitted: FittedHypothesis, levels: Floats) -> dict[str, Any]:

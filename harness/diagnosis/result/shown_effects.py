@@ -51,6 +51,8 @@ class SoughtAmplitude:
         name, unit = words(self.limit.name), print_unit(self.limit.unit)
         if not self.seen:
             doubt = f", though there with probability {probability(self.probability)},"
+            if math.isnan(self.limit.reached):
+                return f"{name} was not tried"
             unseen = f"{name} was not seen{doubt if self.probability >= _IN_DOUBT else ''}"
             return f"{unseen} and would be shown from {self.limit.words} on"
         size = f"{number(self.value)} {unit}".rstrip()

@@ -282,6 +282,6 @@ def same(score: Score, other: Score) -> bool:
 
 
 def ratio(score: Score, other: Score) -> float:
-    """Return the amplitude of one hypothesis over that of another; NaN where one has several."""
-    single = len(score.amplitudes) == len(other.amplitudes) == 1 and other.amplitudes[0] != 0.0
-    return float(score.amplitudes[0] / other.amplitudes[0]) if single else math.nan
+    """Return the step of one hypothesis's amplitude over that of another's; NaN where one has several."""
+    single = len(score.steps) == len(other.steps) == 1 and other.steps[0] != 0.0
+    return float(score.steps[0] / other.steps[0]) if single else math.nan

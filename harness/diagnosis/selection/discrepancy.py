@@ -2,9 +2,9 @@
 
 Where a search ends in a model that is whole, nothing of this is used. Else the model that it ended in is fitted with
 the disturbance (``models/effects/unmodelled_force.py``), a road whose bank varies and gyroscopes that drift: if that is
-worth as much as an addition to a model, the search is done again with these in every model. Its score tests and fits
-are then generalised least squares, standard errors and probabilities know what the model leaves out, and the floor of a
-free run holds what the disturbance does (Kennedy and O'Hagan 2001; Kristensen, Madsen and Jorgensen 2004).
+worth as much as an addition to a model, a model grows with these (``growth``). Its score tests and fits are then
+generalised least squares, standard errors and probabilities know what the model leaves out, and the floor of a free run
+holds what the disturbance does (Kennedy and O'Hagan 2001; Kristensen, Madsen and Jorgensen 2004).
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ from harness.diagnosis.selection.growth import all_parameters, grown, spacing_of
 from harness.diagnosis.selection.model_comparison import Comparison, likeliest
 from harness.diagnosis.selection.posterior import Posterior
 from harness.diagnosis.selection.selection_round import SelectionRound, selection_round
-from harness.diagnosis.selection.validation import HeldOut, Judgement, colour_left, leaves_nothing
+from harness.diagnosis.selection.validation import HeldOut, Judgement, colour_left, error_growth, leaves_nothing
 from harness.identification.data import DriveData
 from harness.identification.signal_noise import thinned, white_noise
 
@@ -84,7 +84,7 @@ def trace(
     test: Sequence[DriveData],
     free: Sequence[str],
     say: Say = lambda _: None,
-    rounds: int = ROUNDS,
+    rounds: int | None = None,
     stated_noise: bool = False,
     failures: Failures = RAISED,
     kept: KeptFits | None = None,
@@ -98,7 +98,7 @@ def trace(
         test: Held-out drives.
         free: Parameters of the nominal model that are fitted in any case.
         say: Is told what is being tried.
-        rounds: Largest number of additions; where a vehicle differs in many ways the default is ``DIFFERENCES``.
+        rounds: Largest number of additions; by default ``ROUNDS``, of a growth ``DIFFERENCES``.
         stated_noise: Whether the noise is the stated one, that of the sensors at least, and not refitted. A model of
             a real vehicle is never quite right, and process noise that is fitted to that takes up what is missing.
         failures: Takes a round that cannot be computed; what earlier ones found stands. By default it is raised.
@@ -109,12 +109,12 @@ def trace(
     fitting = Fitting(augmented, train, variances, stated_noise, [*train, *test])
     held_out = HeldOut(augmented, test, variances)
     fits = CandidateFits(fitting, held_out, tuple(free), say, kept, earlier.always)
-    search = _ForwardSelection(fits, rounds, failures, earlier=earlier.models)
+    search = _ForwardSelection(fits, rounds or ROUNDS, failures, earlier.models)
     first = search.first()
     if not augmented.discrepancy or earlier.always:
         return replace(search.completed(first), discrepancy=earlier.always)
-    growth = _Growth(fits, DIFFERENCES if rounds == ROUNDS else rounds, failures)
-    full = _size(first.added) >= rounds and not first.cut_short and not earlier.models
+    growth = _Growth(fits, rounds or DIFFERENCES, failures, earlier.models)
+    full = _size(first.added) >= search.most and not first.cut_short
     if full and not _is_whole(first) and (differing := growth.answer(first, completed=False)) is not None:
         return differing
     plain = search.completed(first)
@@ -131,20 +131,23 @@ class _Growth:
     show. What is likely of that stays.
     """
 
-    def __init__(self, fits: CandidateFits, most: int, failures: Failures) -> None:
+    def __init__(
+        self, fits: CandidateFits, most: int, failures: Failures, earlier: Sequence[EarlierModel] = ()
+    ) -> None:
         """Keep what growth needs.
 
         Args:
             fits: Of the search without discrepancy.
             most: Largest number of additions.
             failures: As in ``trace``.
+            earlier: Models of an earlier trace, which compete with what grows.
         """
-        self.fits, self.most, self.failures, self.refused = fits, most, failures, False
+        self.fits, self.most, self.failures, self.earlier = fits, most, failures, earlier
+        self.tried = False
+        self.differing: Trace | None = None
 
     def answer(self, plain: Trace, completed: bool = True) -> Trace | None:
         """Return the grown trace of a vehicle that differs in many ways, else the plain one with what hinges on that.
-
-        Growth does not depend on what the plain search ended in, so it is tried once.
 
         Args:
             plain: What a search without discrepancy found.
@@ -158,53 +161,59 @@ class _Growth:
         )
 
     def _answer(self, plain: Trace, completed: bool) -> Trace | None:
-        less, disturbed, _ = self._each
+        less, disturbed = self._fits_with(()), self._fits_with(self._always)
         before = less.fit(plain.added, plain.final.point, afresh=False)
         whole = with_discrepancy(disturbed, plain.added, before)
         if whole is None:
             return None
-        grown_trace = None if self.refused else self._grown(plain, whole)
-        self.refused = grown_trace is None
-        if grown_trace is not None or not completed:
-            return grown_trace
+        if not self.tried:  # of what the plain search found it takes over no more than the correlation time
+            self.tried = True
+            self.differing = self._grown(whole.point)
+        nominal = less.fit((), plain.nominal.point, afresh=False)
+        if self.differing is not None:
+            needed = disturbed.judge(plain.added, whole.point).log_likelihood
+            differing = replace(self.differing, nominal=nominal, before=less.judge((), nominal.point))
+            worse = error_growth(differing.held_out, differing.before, differing.after).beyond_noise
+            if differing.after.log_likelihood > needed and not worse:
+                return replace(differing, hinging=self._hinging(differing))
+        if not completed:
+            return None
         return replace(plain, hinging=hinges(before, whole, disturbed.fitting.standard_errors(whole), plain.added))
 
+    def _grown(self, start: ParameterPoint) -> Trace | None:
+        """Return what grows from the nominal model; ``None`` where its stated values are of no vehicle."""
+        parameters = all_parameters(self.fits.augmented)
+        everything = self._fits_with((*self._always, parameters))
+        search = _ForwardSelection(everything, self.most, self.failures, self.earlier)
+        differing = search.grown(first_point(everything.fitting, start))
+        return None if strayed(differing.final, parameters.amplitudes) else replace(differing, discrepancy=self._always)
+
+    def _hinging(self, differing: Trace) -> tuple[str, ...]:
+        """Return the sizes of a grown model that hinge on its random processes."""
+        augmented, final = differing.fitting.augmented, differing.final
+        fits = self._fits_with((all_parameters(augmented),))
+        undisturbed = replace(final.point, values=_undisturbed(augmented, final.point))
+        without = fits.fit(differing.added, undisturbed)
+        return hinges(without, final, differing.fitting.standard_errors(final), differing.added)
+
+    @property
+    def _always(self) -> Added:
+        """Random processes of vehicles, roads and recordings."""
+        return random_processes(self.fits.augmented)
+
+    def _fits_with(self, always: Added) -> CandidateFits:
+        """Return fits of samples whose noise is white, with hypotheses that every model has."""
+        fitting, held_out = self._drives
+        return CandidateFits(fitting, held_out, self.fits.free, self.fits.say, self.fits.kept, always)
+
     @cached_property
-    def _each(self) -> tuple[CandidateFits, CandidateFits, CandidateFits]:
-        """Fits without discrepancy, with it, and with all stated parameters free as well."""
+    def _drives(self) -> tuple[Fitting, HeldOut]:
+        """Fitted and held-out drives, samples as far apart as their noise is white."""
         augmented, fitting, held_out = self.fits.augmented, self.fits.fitting, self.fits.held_out
         spacing = spacing_of(augmented, [*fitting.drives, *held_out.drives], self.fits.say)
         train, test = ([thinned(d, spacing) for d in each] for each in (fitting.drives, held_out.drives))
-        fitting = Fitting(augmented, train, held_out.variances, fitting.noise_held, [*train, *test])
         judged = HeldOut(augmented, test, held_out.variances)
-        always = random_processes(augmented)
-        less, disturbed, everything = (
-            CandidateFits(fitting, judged, self.fits.free, self.fits.say, self.fits.kept, parts)
-            for parts in ((), always, (*always, all_parameters(augmented)))
-        )
-        return less, disturbed, everything
-
-    def _grown(self, plain: Trace, whole: FittedHypothesis) -> Trace | None:
-        """Return what grows from the nominal model.
-
-        What predicts worse than the plain model with a discrepancy, or with values that no vehicle has, is no answer.
-        """
-        augmented = self.fits.augmented
-        less, disturbed, everything = self._each
-        search = _ForwardSelection(everything, self.most, self.failures)
-        differing = search.grown(first_point(everything.fitting, whole.point))
-        likelier = differing.after.log_likelihood > disturbed.judge(plain.added, whole.point).log_likelihood
-        if not likelier or strayed(differing.final, all_parameters(augmented).amplitudes):
-            return None
-        point, added = differing.final.point, differing.added
-        without = everything.fit(added, replace(point, values=_undisturbed(augmented, point)))
-        return replace(
-            differing,
-            discrepancy=disturbed.always,
-            hinging=hinges(without, differing.final, everything.fitting.standard_errors(differing.final), added),
-            nominal=plain.nominal,
-            before=less.judge((), plain.nominal.point),
-        )
+        return Fitting(augmented, train, held_out.variances, fitting.noise_held, [*train, *test]), judged
 
 
 def _undisturbed(augmented: AugmentedModel, point: ParameterPoint) -> Floats:
@@ -253,11 +262,16 @@ class _ForwardSelection:
         """Return what rounds from the nominal model add until nothing is accepted."""
         fits = self.candidate_fits
         fits.say("fitting the nominal model")
-        self.nominal = fits.fit((), fits.fitting.first(), 25)
+        self._begin(fits.fitting.first())
+        return self._traced(*self._forward((), self.nominal), None)
+
+    def _begin(self, start: ParameterPoint) -> None:
+        """Fit the nominal model, and those of an earlier trace."""
+        fits = self.candidate_fits
+        self.nominal = fits.fit((), start, 25)
         self.earlier_fits = self.failures.attempt(
             "the models of the earlier trace", lambda: fit_earlier(fits, self.earlier, self.nominal), lambda _: []
         )
-        return self._traced(*self._forward((), self.nominal), None)
 
     def completed(self, first: Trace) -> Trace:
         """Return what was found by going on from the first rounds, and from the likeliest model of an earlier trace.
@@ -275,9 +289,8 @@ class _ForwardSelection:
 
     def grown(self, start: ParameterPoint) -> Trace:
         """Return what was found of a vehicle that differs from its model in many ways: what is likely of a growth."""
-        fits = self.candidate_fits
-        self.nominal = fits.fit((), start, 25)
-        added, best, self.rounds = grown(fits, (), self.nominal, "growth", self.most)
+        self._begin(start)
+        added, best, self.rounds = grown(self.candidate_fits, (), self.nominal, "growth", self.most)
         return self._traced(*self._lasting(added, best, _TURNS))
 
     def _traced(self, added: Added, best: FittedHypothesis, posterior: Posterior | None) -> Trace:

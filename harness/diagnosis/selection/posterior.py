@@ -129,7 +129,7 @@ class Alike:
     Attributes:
         hypotheses: The one that was fitted first.
         shares: Of each in the probability of all, by the priors.
-        ratios: Of the amplitude of each to that of the first, with which it does the same; NaN without one of its own.
+        ratios: Of the step of each amplitude to that of the first, with which it does the same; NaN without one.
     """
 
     hypotheses: tuple[Hypothesis, ...]

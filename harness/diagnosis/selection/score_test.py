@@ -12,7 +12,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Collection, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +47,7 @@ class Score:
         response: Of the whitened innovations, projected, to the amplitudes: one array per drive ``(samples, ny)``; of
             all that is tried at once in an orthonormal basis of theirs, because samples would take gigabytes.
         excited: Whether the drives could show it at all.
+        steps: By how much the amplitudes differ from the values of the fit; none where no response shows them.
     """
 
     hypothesis: Hypothesis
@@ -58,6 +59,7 @@ class Score:
     change_times: Floats
     response: tuple[Floats | Columns, ...]
     excited: bool
+    steps: Floats = field(default_factory=lambda: np.zeros(0))
 
 
 _Key = tuple[str, tuple[float, ...]]
@@ -254,8 +256,10 @@ class ScoreTest:
             for x, N in zip(X, self.moved, strict=True)
         )
         start = np.array([self.point.values[self.augmented.row(n), 0] for n in h.amplitudes])
-        amplitudes, excited = start + promise.amplitudes, bool(promise.seen.any())
-        return Score(h, promise.gain, amplitudes, error, promise.freedom, shapes, change_times, response, excited)
+        steps, excited = promise.amplitudes, bool(promise.seen.any())
+        return Score(
+            h, promise.gain, start + steps, error, promise.freedom, shapes, change_times, response, excited, steps
+        )
 
     def _room(self, h: Hypothesis) -> tuple[Floats, Floats]:
         """Return how far each amplitude may move down and up, the others as they are."""
