@@ -26,7 +26,6 @@ from harness.diagnosis.residuals.innovation_tests import consistency, cross_corr
 from harness.diagnosis.residuals.unmodelled import UnmodelledDisturbance, find_unmodelled
 from harness.diagnosis.result.answer import gap
 from harness.diagnosis.result.outcome import outcome_of
-from harness.diagnosis.result.posterior_record import _alike
 from harness.diagnosis.result.record import write_outcome
 from harness.diagnosis.selection.acceptance import Candidate, Round
 from harness.diagnosis.selection.candidate_fits import CandidateFits
@@ -368,25 +367,6 @@ def test_the_first_page_and_the_record_say_how_likely_each_explanation_is(outcom
     assert first["at_levels"][0]["log_posterior"] == pytest.approx(likelihood - prior)
     study = load_study(tmp_path / "posterior.toml")  # which draws from both
     assert [(d.name, d.share) for d in study.designs[:-1]] == [("steering_lag", 0.86), ("steering_ratio", 0.12)]
-
-
-def test_what_does_the_same_as_a_stated_value_that_is_off_acts_from_its_own_nominal_value(outcome):
-    fitted, augmented = outcome.trace.nominal, outcome.trace.fitting.augmented
-    name, values = fitted.coordinates[0].name, fitted.point.values.copy()
-    stated = augmented.stated()[augmented.row(name)]
-    values[augmented.row(name)] = 1.1 * stated
-    fitted = dataclasses.replace(fitted, point=dataclasses.replace(fitted.point, values=values))
-    off = Hypothesis(name, "parameter", (name,))
-    lag = Hypothesis("steering_lag", "effect", ("steering_lag",))
-    ratio = Hypothesis("steering_ratio", "parameter", ("steering_ratio",))
-    seconds = {"steering_lag": 0.002, "steering_ratio": -0.3}  # with a change of the first by a tenth
-    ratios = (1.0, *(s / (0.1 * stated) for s in seconds.values()))
-    model = ComparedModel(
-        (Alike((off, lag, ratio), (0.5, 0.3, 0.2), ratios),), fitted, 0.0, np.zeros(0), Interval(0, 0, 0), 1.0, 1.0
-    )
-    alike = {a["name"]: a["value"] for a in _alike(model, augmented)}
-    nominal = augmented.spec.values["steering_ratio"]
-    assert alike == {"steering_lag": pytest.approx(0.002), "steering_ratio": pytest.approx(nominal - 0.3)}
 
 
 def test_a_disturbance_without_a_name_makes_it_likelier_that_no_name_is_right(outcome, tmp_path):

@@ -1,16 +1,20 @@
-"""What is lost without an addition, predicted by the curvature of the likelihood, against the fit without it."""
+"""Without an addition: what is lost, by the curvature of the likelihood, and what would do the same in its place."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from harness.common.statistics import Interval
 from harness.diagnosis.fitting import Fitting, ParameterPoint
 from harness.diagnosis.model.hypotheses import Hypothesis, hypotheses
+from harness.diagnosis.result.posterior_record import _alike
 from harness.diagnosis.selection.acceptance import ratio
 from harness.diagnosis.selection.candidate_fits import CandidateFits
 from harness.diagnosis.selection.forward_selection import first_variances
+from harness.diagnosis.selection.posterior import Alike, ComparedModel
 from harness.diagnosis.selection.score_test import ScoreTest
 from harness.diagnosis.selection.validation import HeldOut
 from harness.diagnosis.selection.wald import Curvature
@@ -120,3 +124,22 @@ def test_the_ratio_of_two_hypotheses_is_that_of_what_they_change(augmented, fits
     change = inertia.amplitudes[0] - augmented.stated()[augmented.row("yaw_inertia")]
     assert offset.amplitudes[0] != 0.0
     assert ratio(inertia, offset) == pytest.approx(change / offset.amplitudes[0])
+
+
+def test_what_does_the_same_as_a_stated_value_that_is_off_acts_from_its_own_nominal_value(augmented, fits):
+    fitted = fits.fit((), fits.fitting.first())
+    name, values = fitted.coordinates[0].name, fitted.point.values.copy()
+    stated = augmented.stated()[augmented.row(name)]
+    values[augmented.row(name)] = 1.1 * stated
+    fitted = replace(fitted, point=replace(fitted.point, values=values))
+    off = Hypothesis(name, "parameter", (name,))
+    lag = Hypothesis("steering_lag", "effect", ("steering_lag",))
+    ratio = Hypothesis("steering_ratio", "parameter", ("steering_ratio",))
+    seconds = {"steering_lag": 0.002, "steering_ratio": -0.3}  # with a change of the first by a tenth
+    ratios = (1.0, *(s / (0.1 * stated) for s in seconds.values()))
+    model = ComparedModel(
+        (Alike((off, lag, ratio), (0.5, 0.3, 0.2), ratios),), fitted, 0.0, np.zeros(0), Interval(0, 0, 0), 1.0, 1.0
+    )
+    alike = {a["name"]: a["value"] for a in _alike(model, augmented)}
+    nominal = augmented.spec.values["steering_ratio"]
+    assert alike == {"steering_lag": pytest.approx(0.002), "steering_ratio": pytest.approx(nominal - 0.3)}
