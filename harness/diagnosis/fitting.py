@@ -389,7 +389,7 @@ class KeptFits:
     def __init__(self, folder: Path | None = None) -> None:
         self.folder, self.taken, self.written = folder, 0, 0
         self._arrays = KeptArrays(folder)
-        self._basis: dict[int, bytes] = {}
+        self._basis: dict[Fitting, bytes] = {}
         self._met: set[str] = set()  # a search that comes by the same way again asks for the same fits
         self._counting = Lock()  # candidates are fitted in threads
 
@@ -420,7 +420,7 @@ class KeptFits:
         return fitted
 
     def _key(self, fitting: Fitting, moved: Sequence[Coordinate], start: ParameterPoint, how: How) -> str:
-        if id(fitting) not in self._basis:
+        if fitting not in self._basis:
             augmented, code = fitting.augmented, sources.digest([sys.modules[__name__]])
             equations = augmented.compiled.kernels.__name__  # which holds the digest of their source
             stated = (code, equations, augmented.model.parameters, augmented.spec, fitting.noise_held, fitting.first())
@@ -428,8 +428,8 @@ class KeptFits:
             for drive in fitting.drives:
                 total.update(drive.inputs.tobytes() + drive.measurements.tobytes())
             total.update(fitting.driveable.speeds.tobytes())
-            self._basis[id(fitting)] = total.digest()
-        total = hashlib.sha256(self._basis[id(fitting)] + repr((tuple(moved), how)).encode())
+            self._basis[fitting] = total.digest()
+        total = hashlib.sha256(self._basis[fitting] + repr((tuple(moved), how)).encode())
         for part in (start.values, start.process, start.measurement):
             total.update(np.ascontiguousarray(part).tobytes())
         return total.hexdigest()[:32]
