@@ -47,15 +47,10 @@ class Answer(NamedTuple):
 
 
 def answer_of(traced: Mapping[str, Any]) -> Answer:
-    """Read ``trace.json``; with a baseline the claims are its changes, and models and probabilities are of changes.
-
-    Without one every model has the stated values that were fitted and are off.
-    """
-    off = [] if traced.get("baseline") else _off(traced["refitted"])
-    claims = _changes(traced["baseline"]["changes"]) if traced.get("baseline") else (*_additions(traced), *off)
+    """Read ``trace.json``; with a baseline the claims are its changes, and models and probabilities are of changes."""
+    claims = _changes(traced["baseline"]["changes"]) if traced.get("baseline") else _additions(traced)
     models = (traced.get("confusable") or {"models": []})["models"]
-    common = {c.name for c in off}
-    sets = tuple(common | frozenset(_plain(h) for alike in m["added"] for h in alike) for m in models)
+    sets = tuple(frozenset(_plain(h) for alike in m["added"] for h in alike) for m in models)
     probabilities: dict[str, float] = {}
     for h in (traced.get("posterior") or {"hypotheses": []})["hypotheses"]:
         if h["kind"] == "effect":
@@ -76,12 +71,6 @@ def _changes(changes: Sequence[Mapping[str, Any]]) -> tuple[Claim, ...]:
 def _additions(traced: Mapping[str, Any]) -> tuple[Claim, ...]:
     claims = [Claim(a["effect"], {}) for a in traced["added"]]
     return (*claims, *(Claim(PARAMETER + a["effect"], {}) for a in traced["parameters"]))
-
-
-def _off(refitted: Mapping[str, Mapping[str, Any]]) -> list[Claim]:
-    """Return stated values beyond the 95 % interval of what they were fitted as; the answer and the table name them."""
-    fitted = ((name, v) for name, v in refitted.items() if v["std"] is not None)
-    return [Claim(PARAMETER + name, {}) for name, v in fitted if abs(v["value"] - v["stated"]) > QUANTILE * v["std"]]
 
 
 def _plain(h: Mapping[str, str]) -> str:

@@ -9,7 +9,7 @@ from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, called
 from harness.diagnosis.report import study_gain
 from harness.diagnosis.report.probabilities import likely, scaled, size
-from harness.diagnosis.result.answer import Value, is_off, unmodelled_words
+from harness.diagnosis.result.answer import Value, unmodelled_words
 from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.result.study_gain import StudyGain
 from harness.diagnosis.selection.forward_selection import Trace
@@ -70,16 +70,14 @@ def _table(outcome: Outcome) -> Sheet:
     if outcome.localisation.unmodelled is not None:
         rows += [["what", f"not in the library: {text}"] for text in unmodelled_words(outcome.localisation.unmodelled)]
     rows += [["how large", line] for line in _sizes(outcome)]
-    stated = outcome.trace.fitting.augmented.spec.values
-    shown = [v for v in outcome.refitted if v.name in outcome.trace.free or is_off(v, stated[v.name])]
-    rows += [["refitted", _instead(outcome, v)] for v in shown]
+    rows += [["refitted", _instead(outcome, v)] for v in outcome.refitted]
     rows += [["how likely", line] for line in likely(outcome)]
     rows += [["how sure", line] for line in _certainty(outcome)]
     rows += [["how much better", line] for line in _improvements(outcome)]
     if isinstance(outcome.study_gain, StudyGain):
         rows.append(["in a study", study_gain.answer(outcome.study_gain)])
-    cells = [[label if i == 0 or rows[i - 1][0] != label else "", text] for i, (label, text) in enumerate(rows)]
-    return Sheet(["", ""], cells, "Summary; the sections below give the evidence.", left=2)
+    shown = [[label if i == 0 or rows[i - 1][0] != label else "", text] for i, (label, text) in enumerate(rows)]
+    return Sheet(["", ""], shown, "Summary; the sections below give the evidence.", left=2)
 
 
 def _sizes(outcome: Outcome) -> list[str]:

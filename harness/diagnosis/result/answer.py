@@ -19,7 +19,6 @@ from harness.diagnosis.result.claims import Claims, Refused, final_judgement
 from harness.diagnosis.selection.acceptance import beyond_belief
 from harness.diagnosis.selection.forward_selection import Trace
 from harness.diagnosis.selection.validation import Judgement
-from harness.identification.uncertainty import NORMAL
 from harness.models.assembly.placement import split
 from harness.models.quantities import capital, listed, print_unit, quantity, words
 from harness.models.signals import SIGNALS
@@ -289,20 +288,12 @@ def _named(effects: Sequence[Hypothesis]) -> str:
 
 
 def _wrong_values(trace: Trace, values: Mapping[str, Sequence[Value]], claims: Claims) -> str:
-    """Return a sentence on the stated values that were wrong, with a space before it; of many the surest three.
-
-    Of those that every model had free it is said which are beyond their 95 % intervals.
-    """
+    """Return a sentence on the stated values that were wrong, with a space before it; of many the surest three."""
     stated = trace.fitting.augmented.spec.values
     sentence = ""
-
-    def surest(moved: Sequence[Value]) -> str:
-        in_order = sorted(moved, key=lambda v: -abs(v.value - stated[v.name]) / v.std)
-        return listed([_instead(v, stated[v.name]) for v in in_order[:_SUREST]])
-
-    added = [h for h in trace.added if h.kind == "parameter"]
-    for h in added:
-        each = surest(values[h.name])
+    for h in (h for h in trace.added if h.kind == "parameter"):
+        moved = sorted(values[h.name], key=lambda v: -abs(v.value - stated[v.name]) / v.std)
+        each = listed([_instead(v, stated[v.name]) for v in moved[:_SUREST]])
         sure, many = claims.probability([h]), h.name == ALL_PARAMETERS
         sentence += (
             f" Many stated values {claim('were wrong', sure, '', claims.conditional)}, most surely {each}."
@@ -310,16 +301,7 @@ def _wrong_values(trace: Trace, values: Mapping[str, Sequence[Value]], claims: C
             else f" A stated value {claim('was wrong', sure, '', claims.conditional)}: {each}."
         )
         sentence += "" if many else _rivals(claims, [h])
-    if ALL_PARAMETERS in values and all(h.name != ALL_PARAMETERS for h in added):
-        off = [v for v in values[ALL_PARAMETERS] if is_off(v, stated[v.name])]
-        further = f"; the summary has {len(off) - _SUREST} more" if len(off) > _SUREST else ""
-        sentence += f" Of the stated values, all fitted, these are off: {surest(off)}{further}." if off else ""
     return sentence
-
-
-def is_off(v: Value, stated: float) -> bool:
-    """Whether a stated value is beyond the 95 % interval of what it was fitted as."""
-    return abs(v.value - stated) > NORMAL * v.std
 
 
 def _instead(v: Value, stated: float) -> str:

@@ -18,7 +18,7 @@ from harness.common.failures import RAISED, Failures
 from harness.config import ModelSpec
 from harness.diagnosis.criteria import BIC_NEEDED, STRONG, WHITE
 from harness.diagnosis.fitting import FittedHypothesis
-from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
+from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.residuals.localisation import NOWHERE, Localisation, localised
 from harness.diagnosis.residuals.random_process import RandomProcess
 from harness.diagnosis.result.answer import Change, Value, answer
@@ -100,7 +100,7 @@ class Outcome:
         words.
         notes: Irregularities of the recordings, with the evidence.
         failures: What could not be made after the search.
-        refitted: What the final model has for the parameters that are fitted in any case, or in every model.
+        refitted: What the final model has for the parameters that are fitted in any case.
         refused: Additions that the final model lacks because they are worse than none, if there were any.
         confounded: Directions in which the drives do not tell what was added or refitted from something else.
         baseline: The vehicle as earlier drives showed it, if there are any; then everything added is a change since.
@@ -207,8 +207,6 @@ def outcome_of(trace: Trace, say: Say = lambda _: None, failures: Failures = RAI
     amended = _amended(trace)
     errors = failures.attempt("the standard errors", lambda: _errors(trace), lambda _: {})
     values |= _values(trace, errors)
-    if free := _all_stated(trace):
-        values[ALL_PARAMETERS] = tuple(_value(trace, errors, name) for name in free)
     judged = failures.attempt("the tests of the innovations", lambda: _judged(trace), lambda _: ())
     # Innovations that could not be tested do not count as white.
     coloured = not judged or any(w.p_value < WHITE for j in judged if j.held_out for w in j.whiteness)
@@ -233,7 +231,7 @@ def outcome_of(trace: Trace, say: Say = lambda _: None, failures: Failures = RAI
         lambda: answer(trace, claims, localisation, values),
         lambda _: f"The verdict is: {claims.verdict}.",
     )
-    refitted = tuple(_value(trace, errors, name) for name in (*trace.free, *free) if name in nominal.values)
+    refitted = tuple(_value(trace, errors, name) for name in trace.free if name in nominal.values)
     return Outcome(
         trace,
         claims.verdict,
@@ -260,13 +258,6 @@ def _values(trace: Trace, errors: Mapping[tuple[str, int], float]) -> dict[str, 
         )
         for h in trace.added
     }
-
-
-def _all_stated(trace: Trace) -> list[str]:
-    """Return the stated values that every model of the search had free within their priors, where it had them all."""
-    stated = trace.fitting.augmented.spec.values
-    others = {*trace.free, *(n for h in trace.added for n in h.shared)}
-    return [c.name for c in trace.final.coordinates if c.name in stated and c.name not in others and not c.held]
 
 
 def _value(trace: Trace, errors: Mapping[tuple[str, int], float], name: str, drive: int = 0, suffix: str = "") -> Value:
