@@ -40,7 +40,9 @@ def test_every_effect_is_named_beside_a_force_that_has_no_name(grown):
 def test_the_answer_states_what_is_left(grown):
     claims = claims_of(grown, NOWHERE, coloured=False)
     assert claims.verdict == "unresolved"
-    assert " What else it lacks acts as a random force of " in answer(grown, claims, NOWHERE, {})
+    said = answer(grown, claims, NOWHERE, {})
+    assert " What else it lacks acts as a random force of " in said
+    assert " All stated values were free" in said
 
 
 def test_it_grows_as_soon_as_a_plain_search_has_no_room_and_by_no_more_than_is_stated(augmented, drives):

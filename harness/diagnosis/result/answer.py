@@ -184,6 +184,12 @@ def claim(verb: str, probability: float | None, rest: str = "", conditional: boo
     return f"{f'{strength} {rest}'.rstrip()} ({in_words(probability)}{condition})"
 
 
+_STATED_FREE = (
+    " All stated values were free within what they may be off by, so a wrong one is taken up and has no name; what "
+    "changes from one day to the next has one (--baseline)."
+)
+"""Said of a model that grew."""
+
 _SUREST = 3
 """Values that a sentence names of many."""
 
@@ -238,7 +244,8 @@ def answer(trace: Trace, claims: Claims, localisation: Localisation, values: Map
     closed = change if effects or curves else ""
     if trace.discrepancy and named:
         lacks = f"The model {claim('lacks', sure, named, claims.conditional)}."
-        return f"{lacks} What else it lacks acts as {_as_a_force(trace)}.{unmodelled}{also}{closed}"
+        force = f"What else it lacks acts as {_as_a_force(trace)}."
+        return f"{lacks} {force}{unmodelled}{also}{_STATED_FREE}{closed}"
     part = f" Part of it {claim('is', sure, named, claims.conditional)}." if named else ""
     refused = "" if claims.refused is None else _refused(claims.refused)
     return f"Something is missing that no effect of the library explains.{refused}{part}{unmodelled}{also}{closed}"
