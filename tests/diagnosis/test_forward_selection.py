@@ -103,3 +103,40 @@ def test_what_was_added_on_a_detour_takes_no_room_and_late_channels_take_one():
         tried.added = added
         search._ForwardSelection(None, 3, RAISED)._passed(tried, 7)
     assert room == [3, 3, 2, 2, 1, 1, 2, 2]
+
+
+@pytest.mark.parametrize(
+    ("likelihoods", "worse", "grows"),
+    [
+        ([10.0], False, [True]),
+        ([10.0], True, [False]),  # simulates the held-out drives worse than the nominal model
+        ([30.0, 10.0], False, [False, True]),  # what the plain search ends in is less likely than what it had so far
+        ([30.0, 30.0], False, [False, False]),
+    ],
+)
+def test_a_grown_model_has_to_beat_the_plain_one_and_the_nominal_one_and_grows_once(
+    monkeypatch, likelihoods, worse, grows
+):
+    """The grown model has a log-likelihood of 20 on the held-out drives, the plain one what is listed."""
+    rest = dict.fromkeys(("fitting", "held_out", "free", "nominal", "rounds", "dropped", "before"))
+    plain = search.Trace(final=FIT, added=(LAG,), after=None, **rest | {"nominal": FIT})
+    differing = search.Trace(final=FIT, added=(GAIN,), after=SimpleNamespace(log_likelihood=20.0), **rest)
+    judged, starts = iter(likelihoods), []
+    fits = SimpleNamespace(
+        fit=lambda *_, **__: FIT, fitting=SimpleNamespace(standard_errors=lambda _: None),
+        judge=lambda added, _: SimpleNamespace(log_likelihood=next(judged)) if added else None,
+    )  # fmt: skip
+    monkeypatch.setattr(search, "random_processes", lambda _: ())
+    monkeypatch.setattr(search, "with_discrepancy", lambda *_: FIT)
+    monkeypatch.setattr(search, "hinges", lambda *_: ("size",))
+    monkeypatch.setattr(search, "error_growth", lambda *_: SimpleNamespace(beyond_noise=worse))
+    monkeypatch.setattr(search._Growth, "_fits_with", lambda *_: fits)
+    monkeypatch.setattr(search._Growth, "_grown", lambda _, start: starts.append(start) or differing)
+    monkeypatch.setattr(search._Growth, "_hinging", lambda *_: ())
+    growth = search._Growth(SimpleNamespace(augmented=None), 2, RAISED)
+    answers = [growth.answer(plain, completed=bool(i)) for i in range(len(grows))]
+    assert [a is not None and a.added == (GAIN,) for a in answers] == grows
+    assert answers[0] is None or grows[0]  # a search that is not over goes on
+    assert len(starts) == 1
+    if len(grows) == 2 and not grows[1]:
+        assert (answers[1].added, answers[1].hinging) == ((LAG,), ("size",))
