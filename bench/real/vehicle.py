@@ -128,7 +128,7 @@ def _coupling(y, p, force):
     ct, st = math.cos(theta), math.sin(theta)
     v_pin = y[UNIT + V] + ahead * y[UNIT + R]
     du = y[UNIT + U] * ct - v_pin * st - y[U]
-    dv = y[UNIT + U] * st + v_pin * ct - (y[V] - back * y[R])
+    dv = y[UNIT + U] * st + v_pin * ct - (y[V] - back * y[R] - height * y[RATE_REAR])
     along = k * beyond(y[base], play) + d * du
     across = k * beyond(y[base + 1], play) + d * dv
     moment = friction * math.tanh((y[UNIT + R] - y[R]) / turning)

@@ -50,6 +50,17 @@ def leaning(
     """
     leant, rate = (e.state(name) for name in states)
     e.derivative(states[0], rate)
-    pull = frequency**2 * (e.at_body(acceleration) - leant)
-    e.derivative(states[1], pull - 2 * damping * frequency * rate)
+    e.derivative(states[1], second_derivative(e, states, frequency, damping, acceleration))
     return leant
+
+
+def second_derivative(
+    e: EffectContext,
+    states: tuple[str, ...],
+    frequency: sp.Expr | float,
+    damping: sp.Expr | float,
+    acceleration: str = "lateral_acceleration",
+) -> sp.Expr:
+    """Return the second derivative of what leans, in m/s^4; arguments as of ``leaning``."""
+    leant, rate = (e.state(name) for name in states)
+    return frequency**2 * (e.at_body(acceleration) - leant) - 2 * damping * frequency * rate

@@ -209,7 +209,8 @@ def equations(v: Builder) -> None:
     theta = v.state("articulation_angle")
     v_x2 = v.port("speed_over_ground", v.input("speed"))
     sin, cos = sp.sin(theta), sp.cos(theta)
-    v_k2 = v_y2 + a_2 * w_2  # lateral velocity of the kingpin in trailer axes
+    # Lateral velocity of the kingpin in trailer axes; the CoG of a trailer that rolls sways over it.
+    v_k2 = v_y2 + a_2 * w_2 + v.port("coupling_sway_trailer", 0)
     v.body("tractor", Body(symbol("speed_tractor"), v_y1, w_1, m_1, a_1 + b_1))
     v.body("trailer", Body(v_x2, v_y2, w_2, m_2, a_2 + b_2["22"]))
     v_x1 = v.port("speed_tractor", cos * v_x2 - sin * v_k2)  # (4.18)
@@ -247,6 +248,7 @@ def equations(v: Builder) -> None:
     free = (
         cos * (Y_2 / m_2 + g_2 + a_2 * N_2 / J_2)
         - (Y_1 / m_1 + g_1 - h_1 * N_1 / J_1)
+        + cos * v.port("coupling_sway_rate_trailer", 0)
         - sin * w_2 * v_k2
         + sin * v.port("speed_over_ground_rate", v.rate("speed"))
         + v.p("constraint_rate") * violation

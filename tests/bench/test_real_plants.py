@@ -16,6 +16,7 @@ from bench.real.vehicle import (
     PHI,
     PHI_REAR,
     RATE,
+    RATE_REAR,
     ROAD_WHEEL,
     SPEED,
     STEP,
@@ -23,6 +24,7 @@ from bench.real.vehicle import (
     R,
     U,
     V,
+    _coupling,
     _rates,
     integrate,
     lateral_force,
@@ -117,6 +119,20 @@ def test_left_and_right_are_alike(vehicle):
     assert felt[:, :, 0] == pytest.approx(-felt_there[:, :, 0], abs=1e-7)
     assert one[:, U] == pytest.approx(other[:, U], abs=1e-8)
     assert loads[:, :, 1] == pytest.approx(mirrored[:, :, 2], rel=1e-6)
+
+
+def test_the_fifth_wheel_takes_the_power_at_which_it_is_strained_and_turned():
+    p = assemble("semitrailer", BUILT["semitrailer"])
+    y = np.random.default_rng(3).uniform(-1, 1, 2 * UNIT + 3 + 2 * p.x.size)
+    force = np.zeros((2, 4))
+    strained = _coupling(y, p, force)
+    moving = np.array([y[[U, V, R, RATE_REAR]], y[[UNIT + U, UNIT + V, UNIT + R, UNIT + RATE]]])
+    along, across = force[0, :2]
+    moment, roll = force[0, 2] + p.hitch[0] * across, -force[1, 3]
+    turned = moving[1, 2:] - moving[0, 2:]
+    taken = np.array([along, across, moment, roll]) @ np.array([*strained, *turned])
+    assert np.abs([along, across, moment, roll]).min() > 50.0
+    assert (force * moving).sum() == pytest.approx(-taken, rel=1e-9)
 
 
 @pytest.mark.parametrize("vehicle", VEHICLES)

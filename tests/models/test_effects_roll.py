@@ -9,7 +9,7 @@ from harness.common.errors import ModelError
 from harness.engine.compile import compile_model
 from harness.engine.kernel_names import LANES
 from harness.models.assembly.assemble import assemble
-from support.effects import VALUES, G, built, look, point, values
+from support.effects import VALUES, G, built, look, point, rates, values
 from support.numeric import euler, evaluator
 
 SPRUNG, ABOVE_AXIS, INERTIA, STIFFNESS, DAMPING = 1900.0, 0.5, 900.0, 9e4, 5e3
@@ -96,6 +96,51 @@ def test_each_body_of_a_truck_rolls_by_itself_and_moves_its_own_axles():
     plain = look("semitrailer", ("body_roll",), names, shapes, **at)
     rolling = look("semitrailer", ("body_roll",), names, {**shapes, "body_roll_sway_trailer": 0.015}, **at)
     assert rolling - plain == pytest.approx([0.0, -0.015 * 2.0 / 20.0])
+
+
+def test_a_trailer_that_rolls_is_tied_at_its_roll_axis():
+    """The accelerations are those of two bodies, one with a mass above its roll axis, and of what ties them."""
+    model = built("semitrailer", ("body_roll",))
+    v = VALUES["semitrailer"]
+    m_1, J_1, h_1, m_2 = (
+        v[n] for n in ("tractor_mass", "tractor_yaw_inertia", "tractor_cog_to_kingpin", "trailer_mass")
+    )
+    J_2 = v["trailer_inertia_scale"] * m_2 * (v["trailer_track"] ** 2 + v["trailer_length"] ** 2) / 12
+    a_1, b_1 = v["tractor_cog_to_front_axle"], v["tractor_cog_to_rear_axle"]
+    a_2 = v["kingpin_from_rear"] - v["trailer_cog_from_rear"]
+    b_2 = np.array([v["trailer_cog_from_rear"] - v[f"axle_{axle}_from_rear"] for axle in ("21", "22", "23")])
+    moment, inertia, stiffness, damping = 0.8 * m_2 * 1.2, 6e4, 2e6, 8e4  # of the trailer, about its roll axis
+    reduced, gain = inertia - moment**2 / m_2, moment / stiffness
+    own = {
+        "body_roll_sway_trailer": gain * moment / m_2,
+        "body_roll_frequency_trailer": np.sqrt(stiffness / reduced),
+        "body_roll_damping_trailer": damping / (2 * np.sqrt(stiffness * reduced)),
+    }
+    leaning, leaning_rate, w_1, w_2, v_2 = 2.0, 3.0, 0.2, 0.3, 0.5
+    F = np.array([9e3, -4e3, 5e3, 7e3, -2e3])
+    forces = {f"lateral_force_axle_{axle}": force for axle, force in zip(model.axles, F, strict=True)}
+    sway = own["body_roll_sway_trailer"] * leaning_rate
+    motion = {"yaw_rate_tractor": w_1, "yaw_rate_trailer": w_2, "lateral_velocity_trailer": v_2, "speed": SPEED}
+    motion |= {"lateral_velocity_tractor": h_1 * w_1 + v_2 + a_2 * w_2 + sway}  # as tied
+    lean = {"body_leaning_trailer": leaning, "body_leaning_rate_trailer": leaning_rate}
+    shapes = {"body_roll_frequency_tractor": 9.0, "body_roll_damping_tractor": 0.4, "constraint_rate": 0.0}
+    moves = rates("semitrailer", ("body_roll",), {**own, **shapes}, **forces, **motion, **lean)
+
+    # Lateral (of the trailer at its roll axis) and yaw acceleration of both, roll acceleration, coupling force.
+    sums = [F[0] + F[1], a_1 * F[0] - b_1 * F[1], F[2:].sum(), -b_2 @ F[2:]]
+    springs = -(stiffness * leaning + damping * leaning_rate) * gain
+    equations = np.diag([m_1, J_1, m_2, J_2, inertia, 0.0])
+    equations[2, 4] = equations[4, 2] = -moment
+    equations[:5, 5] = equations[5, :5] = [1.0, -h_1, -1.0, -a_2, 0.0]
+    A_1, yaw_1, A_2, yaw_2, roll, _ = np.linalg.solve(equations, [*sums, springs, 0.0])
+    wanted = {
+        "lateral_velocity_tractor": A_1 - w_1 * SPEED,
+        "yaw_rate_tractor": yaw_1,
+        "lateral_velocity_trailer": A_2 - moment / m_2 * roll - w_2 * SPEED,
+        "yaw_rate_trailer": yaw_2,
+        "body_leaning_rate_trailer": roll / gain,
+    }
+    assert {name: moves[name] for name in wanted} == pytest.approx(wanted, rel=1e-9)
 
 
 def test_a_car_that_rolls_already_is_refused():
