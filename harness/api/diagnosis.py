@@ -142,7 +142,7 @@ class Diagnosis(Shown):
             if not self._stated_estimators:
                 estimators = tuple(before.content["asked"].get("estimators", estimators))
             if len(baseline):
-                raise UserError("after: what planned drives told is not sought together with changes since a baseline")
+                raise UserError("after: planned drives cannot be evaluated together with changes since a baseline")
             fitted, held_out = before.joined(fitted, held_out)
             model = Model(before.model) if model is None else model
         if model is None:

@@ -49,7 +49,7 @@ def compile_all(
         kernels: What is compiled.
         again: Makes it in a further process, which gets this function pickled.
         further: Returns how many further processes may work beside this one if so many kernels are missing.
-        say: Told in words what is done.
+        say: Receives what is being done, in words.
     """
     missing = deque(missing_kernels(kernels))
     to_compile = set(range(kernels.kernels))

@@ -121,11 +121,11 @@ def verdict_of(reached: Sequence[ReachedError], otherwise: str = "") -> str:
     return "smaller" if min(ratios) < 1.0 - _AS_EXPECTED else "as expected"
 
 
-TOLD = {
-    "as expected": "The planned drives told what was expected",
-    "larger": "The planned drives told less than was expected",
-    "smaller": "The planned drives told more than was expected",
-    "not stated": "Whether the planned drives told what was expected cannot be said",
+INFORMATIVE = {
+    "as expected": "The planned drives were as informative as expected",
+    "larger": "The planned drives were less informative than expected",
+    "smaller": "The planned drives were more informative than expected",
+    "not stated": "Whether the planned drives were as informative as expected cannot be said",
 }
 """Verdicts in words."""
 
@@ -139,7 +139,7 @@ def in_words(reached: Sequence[ReachedError], otherwise: str = "", rmse: Sequenc
     if otherwise:
         return f"{NOT_COMPARED}: {otherwise}."
     errors = listed([f"that of {words(r.name)} is {r.words}" for r in reached])
-    said = f"{TOLD[verdict_of([*reached, *rmse])]}: of the standard errors {errors}."
+    said = f"{INFORMATIVE[verdict_of([*reached, *rmse])]}: of the standard errors {errors}."
     return f"{said} By the study then off (RMSE): {listed([f'{r.name} by {r.words}' for r in rmse])}." if rmse else said
 
 

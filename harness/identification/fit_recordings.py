@@ -143,7 +143,7 @@ def fit_recordings(task: FitTask, say: Callable[[str], None] = lambda _: None) -
 
     Args:
         task: What is to be fitted.
-        say: Is told what is being done.
+        say: Receives what is being done, in words.
 
     Raises:
         UserError: If a parameter, setting or signal is unknown or missing, or a held-out recording is fitted as well.
@@ -194,7 +194,7 @@ class NominalFit:
 
     Args:
         parameters: Parameter set or path of a parameter file, which names vehicle, tyre and effects.
-        say: Is told what is being done.
+        say: Receives what is being done, in words.
 
     Raises:
         UserError: If there is no such file, or anything in it is wrong.

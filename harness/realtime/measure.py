@@ -189,7 +189,7 @@ def measure(
         field: By name, from ``contestants``.
         samples: Of the run; the first is where estimators start and takes no step.
         cycle: Sample time in s.
-        progress: Told what is going on.
+        progress: Receives what is going on, in words.
 
     Returns:
         ``step_time`` over ``(pace, estimator, time)`` and ``clock`` over ``(pace, time)``: times in s, what the clock

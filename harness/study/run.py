@@ -72,7 +72,7 @@ def compile_kernels(evaluator: CompilesStudy, processes: int, say: Callable[[str
     Args:
         evaluator: The study.
         processes: That may work at a time, this one included.
-        say: Told in words what is done.
+        say: Receives what is being done, in words.
     """
     study = evaluator.study
 

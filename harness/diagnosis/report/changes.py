@@ -1,4 +1,4 @@
-"""Sections on what changed since a baseline, on what planned drives told, and on how wrong a model is anyway."""
+"""Sections on what changed since a baseline, on what planned drives showed, and on how wrong a model is anyway."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ def report(outcome: Outcome, command: str, title: str = "", evidence: Iterable[B
         *summary.answered(outcome),
         *_over_time(outcome)[:1],
         Section(lambda: residual_sections.from_above(outcome), "Where on the vehicle?", headed=False),
-        Section(lambda: changes.expectation(outcome), "Did the planned drives tell what was expected?"),
+        Section(lambda: changes.expectation(outcome), "Were the planned drives as informative as expected?"),
         Section(lambda: changes.since(outcome), "What changed, and by how much?", headed=False),
         *summary.blocks(outcome),
         Section(lambda: _errors(outcome), "How large is the simulation error?", headed=False),

@@ -3,7 +3,7 @@
 Headline, table of odds, ``trace.json`` and page read what is claimed here and nowhere else, so they cannot disagree.
 
 A final model whose simulation of the held-out drives is worse than that of the nominal one is no answer: the nominal
-model stays, the verdict is ``unresolved``, and what was refused is told.
+model stays, the verdict is ``unresolved``, and what was refused is stated.
 """
 
 from __future__ import annotations

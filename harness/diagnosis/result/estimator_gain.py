@@ -100,7 +100,7 @@ def compile_estimators(
         kinds: Files in ``harness/estimation/methods``.
         recording: Holds their signals.
         processes: That may work at a time, this one included.
-        say: Told in words what is done.
+        say: Receives what is being done, in words.
 
     Raises:
         ModelError: If there is no such estimator.
@@ -143,7 +143,7 @@ def estimators_on(
         amended: The final model.
         recordings: The held-out drives, in the order of ``trace.held_out``.
         kinds: Files in ``harness/estimation/methods``.
-        say: Is told what is being run.
+        say: Receives what is being run, in words.
 
     Raises:
         ModelError: If there is no such estimator.

@@ -115,10 +115,10 @@ class ExpectationMet:
         if self.otherwise:
             return f"{NOT_COMPARED}: {self.otherwise}."
         verdict = {
-            "as expected": "The planned drives told what was expected",
-            "less": "The planned drives told less than was expected",
-            "more": "The planned drives told more than was expected",
-            "undecided": "Whether the planned drives told what was expected cannot be said",
+            "as expected": "The planned drives were as informative as expected",
+            "less": "The planned drives were less informative than expected",
+            "more": "The planned drives were more informative than expected",
+            "undecided": "Whether the planned drives were as informative as expected cannot be said",
             "not compared": "What was expected of the planned drives cannot be compared",
             "another model": f"The planned drives were to tell others apart than {self.likeliest}, the likeliest now",
         }[self.verdict]

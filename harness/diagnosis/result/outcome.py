@@ -195,7 +195,7 @@ def outcome_of(trace: Trace, say: Say = lambda _: None, failures: Failures = RAI
 
     Args:
         trace: What was found.
-        say: Is told what is being done.
+        say: Receives what is being done, in words.
         failures: Takes what cannot be computed; by default it is raised.
     """
     say("looking for where something is missing")

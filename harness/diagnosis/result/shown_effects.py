@@ -10,7 +10,7 @@ from typing import Any
 from harness.diagnosis.model.hypotheses import Hypothesis, called
 from harness.diagnosis.result.answer import Value
 from harness.diagnosis.selection.acceptance import Round
-from harness.identification.expectation import NOT_COMPARED, TOLD, ReachedError, verdict_of
+from harness.identification.expectation import INFORMATIVE, NOT_COMPARED, ReachedError, verdict_of
 from harness.identification.uncertainty import NORMAL
 from harness.models.quantities import listed, print_unit, words
 from harness.reporting.style import number, probability, span
@@ -88,7 +88,7 @@ class EffectsShown:
     @property
     def words(self) -> str:
         """The same in sentences."""
-        head = f"{NOT_COMPARED}, as {self.otherwise}" if self.otherwise else TOLD[self.verdict]
+        head = f"{NOT_COMPARED}, as {self.otherwise}" if self.otherwise else INFORMATIVE[self.verdict]
         said = f"{head}: {listed([a.words for a in self.amplitudes])}."
         if not self.beside or all(a.seen for a in self.amplitudes):
             return said

@@ -131,7 +131,7 @@ def study_gain(
         estimators: Files in ``harness/estimation/methods``; settings are those of the study where it has them.
         repeats: Runs of each level and drive with other noise.
         jobs: Threads; all cores by default.
-        say: Is told what is being run.
+        say: Receives what is being run, in words.
 
     Raises:
         UserError, ModelError: If the study cannot be run with these models.

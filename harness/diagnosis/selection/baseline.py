@@ -108,7 +108,7 @@ def learnt(
         drives: Two or more.
         free: Parameters of the nominal model that are fitted in any case.
         stated_noise: As in ``trace``.
-        say: Is told what is being done.
+        say: Receives what is being done, in words.
         kept: Fits of an interrupted trace.
     """
     variances = first_variances(augmented, drives, stated_noise)

@@ -35,7 +35,7 @@ class CandidateFits:
         fitting: The fitted drives.
         held_out: The held-out drives.
         free: Parameters of the nominal model that are fitted in any case.
-        say: Is told what is being tried.
+        say: Receives what is being tried, in words.
         kept: Fits of an earlier, unfinished trace; none by default.
         always: Random processes that are a part of every model.
 

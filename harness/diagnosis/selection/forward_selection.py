@@ -97,7 +97,7 @@ def trace(
         train: Drives to fit.
         test: Held-out drives.
         free: Parameters of the nominal model that are fitted in any case.
-        say: Is told what is being tried.
+        say: Receives what is being tried, in words.
         rounds: Largest number of additions; by default ``ROUNDS``, of a growth ``DIFFERENCES``.
         stated_noise: Whether the noise is the stated one, that of the sensors at least, and not refitted. A model of
             a real vehicle is never quite right, and process noise that is fitted to that takes up what is missing.

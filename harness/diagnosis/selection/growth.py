@@ -51,7 +51,7 @@ def grown(
         fits: Of the drives.
         added: What the model has.
         best: Its fit.
-        what: Grows, to be told.
+        what: Grows, in words.
         most: Largest number of additions.
     """
     refused: set[Hypothesis] = set()

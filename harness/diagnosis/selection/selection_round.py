@@ -108,7 +108,7 @@ def selection_round(
         candidate_fits: Fits and judges.
         added: What the model has already.
         without: Fits of that model, the likeliest last.
-        number: Of the round, to be told.
+        number: Of the round.
     """
     tried = SelectionRound(candidate_fits, added, without, f"round {number}")
     again = tried.run()
@@ -122,7 +122,7 @@ class SelectionRound:
         candidate_fits: Fits and judges.
         added: What the model has already.
         without: Fits of that model, the likeliest last.
-        name: Of the round, to be told.
+        name: Of the round.
         test: Of that model, if it is not done at the likeliest of its fits.
     """
 
