@@ -11,7 +11,7 @@ import os
 import sys
 
 # ``python -m`` looks into the working directory first, where whoever filled it may have named a file as a package that
-# is imported here is named. Where this package lies there itself, what lies beside it is as good.
+# is imported here is named. Where this package lies there itself, what lies next to it is as good.
 if sys.argv[:1] == ["-m"] and not sys.flags.safe_path and sys.path[0] != os.path.dirname(os.path.dirname(__file__)):
     del sys.path[0]
 

@@ -22,7 +22,7 @@ A vehicle with inputs that no drive states exports ``drive_inputs(profile, conte
 name, and one whose estimators begin with another variance than the process noise of a step, ``START_VARIANCE`` by
 state.
 
-Beside these a vehicle may export ``wheelbase(values)`` for the limits of the drives, ``check(values)`` for
+In addition to these a vehicle may export ``wheelbase(values)`` for the limits of the drives, ``check(values)`` for
 values that are impossible together, and ``START``: the first value of a state that does not start at zero, as a
 number, the name of a parameter, or the name of a drive's input (its first sample). A vehicle that carries a load may
 export ``LOADING``, quantities of the load (``Parameter``) from which several of its parameters follow together,

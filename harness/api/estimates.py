@@ -38,7 +38,7 @@ def estimate(
             where they are not stated.
         recordings: Recording or list of them: paths, DataFrames or Datasets, see ``harness.read_recording``.
         estimators: Kind or estimator by its name in tables and figures; without names, one of them or a list.
-        signals: Ports and inputs to estimate beside every state and every measured quantity.
+        signals: Ports and inputs to estimate in addition to every state and every measured quantity.
         references: Signal of the recordings by the state or port that it is the reference of, see ``Estimator.run``.
         inputs: How recorded inputs run between samples, see ``Estimator.run``.
         seed: Of estimators that draw random numbers.

@@ -70,7 +70,7 @@ class Estimator(Shown):
                 where they are not stated.
             recording: Measured or simulated: a path, a DataFrame or a Dataset, see ``harness.read_recording``. A
                 missing measurement (NaN) is skipped; inputs may have no gaps.
-            signals: Ports and inputs to estimate beside every state and every measured quantity.
+            signals: Ports and inputs to estimate in addition to every state and every measured quantity.
             references: Signal of the recording by the state or port that it is the reference of; by default a signal of
                 the same name that is not measured, of a simulated recording the exact one.
             inputs: ``joined`` where inputs run straight from sample to sample, as measured ones do, ``held`` where they
@@ -125,7 +125,7 @@ def believed_on(
     inputs: Literal["joined", "held"] = "joined",
     jobs: int | None = None,
 ) -> RecordedModel:
-    """Return what estimators on recordings believe; measured quantities are estimated beside ``signals`` (internal)."""
+    """Return what estimators on recordings believe; measured quantities are estimated as well (internal)."""
     from harness.identification.data import step_of
     from harness.models.roles import SENSORS
     from harness.recorded.run import RecordedModel

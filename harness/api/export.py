@@ -36,8 +36,8 @@ def export_estimator(
         name: That everything in C begins with; names of study and estimator by default.
         drive: Name of the drive of the recorded run that comes with it; the first of the study by default.
         duration: How much of it is recorded, in s or text with a unit.
-        fmi: Version of FMI of an FMU for co-simulation beside the C; none by default.
-        monitor: File of its trust monitor, which ``harness.count_monitor`` writes; it is printed beside it.
+        fmi: Version of FMI of an FMU for co-simulation in addition to the C; none by default.
+        monitor: File of its trust monitor, which ``harness.count_monitor`` writes; it is printed next to it.
 
     Returns:
         The files.
@@ -91,7 +91,7 @@ def export_plant(
         parameters: Parameter file that it is in place of the study's plant, such as the ``amended.toml`` of a trace.
         precision: Of the numbers in C.
         name: That everything in C begins with; the name of the study and ``plant`` by default.
-        fmi: Version of FMI of an FMU for co-simulation beside the C; none by default.
+        fmi: Version of FMI of an FMU for co-simulation in addition to the C; none by default.
 
     Returns:
         The files.

@@ -32,7 +32,7 @@ class Integration(TypedDict, total=False):
 
 
 class Further(Integration, total=False):
-    """What an estimator is not sure of beside unknown inputs; for a belief only. Keys of a study file.
+    """What an estimator is not sure of in addition to unknown inputs; for a belief only. Keys of a study file.
 
     Attributes:
         unknown_parameters: Parameters that it is to estimate: names, or ``{"name": ..., "prior": "1 m", "walk":

@@ -38,7 +38,7 @@ def simulate(model: Model, drive: Drive, seed: int | None = None, signals: Seque
         model: The vehicle.
         drive: What it drives.
         seed: Seed of process and measurement noise; ``None`` simulates without noise.
-        signals: Quantities to record beside states, inputs and measured outputs (``harness list signals``).
+        signals: Quantities to record in addition to states, inputs and measured outputs (``harness list signals``).
 
     Returns:
         Dataset over ``time`` (s) as a logger would have recorded it: inputs and measured outputs under their names, the

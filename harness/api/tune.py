@@ -160,7 +160,7 @@ class TunedStudy(Shown):
         ]
 
     def write(self, path: str | Path, command: str = IN_PYTHON) -> list[Path]:
-        """Write the file that a study names by ``tuning``, of the worst case beside it a report; return the paths.
+        """Write the file that a study names by ``tuning``, with a report of the worst case; return the paths.
 
         Raises:
             UserError: If it cannot be written.
@@ -262,7 +262,7 @@ class TunedNoise(Shown):
         return self._tuning.answer
 
     def write(self, path: str | Path, command: str = IN_PYTHON) -> list[Path]:
-        """Write a parameter file with the noise, its numbers as JSON and a report beside it; return the paths.
+        """Write a parameter file with the noise, its numbers as JSON and a report next to it; return the paths.
 
         Raises:
             UserError: If they cannot be written.

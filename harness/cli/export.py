@@ -56,7 +56,7 @@ class ExportOptions:
     ] = None
     monitor: Annotated[
         Path | None,
-        typer.Option("--monitor", help="monitor.toml of harness monitor: the trust monitor is printed beside it."),
+        typer.Option("--monitor", help="monitor.toml of harness monitor: the trust monitor is printed next to it."),
     ] = None
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder; results/export-<name in C> if absent.")] = (
         None

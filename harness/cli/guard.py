@@ -1,7 +1,7 @@
 """Answers of every command to what it raises: one message and an exit status, and no traceback.
 
 Whatever is raised that is neither a ``UserError`` nor a failure of the machine is a fault of the harness, or of code of
-the user's own that it runs. Its traceback goes to a file beside the output; the message says where, and whom it
+the user's own that it runs. Its traceback goes to a file next to the output; the message says where, and whom it
 concerns.
 """
 
@@ -71,7 +71,7 @@ def guarded(run: Callable[[], None], output: Path | None = None) -> int:
 
     Args:
         run: The command.
-        output: File or folder that it writes, beside which the traceback of a fault is kept; the working directory if
+        output: File or folder that it writes; the traceback of a fault is kept next to it, the working directory if
             absent.
 
     Raises:

@@ -103,7 +103,7 @@ def new(
         typer.Option(
             "--kind",
             help="Of an estimator: a filter or, without covariance, an observer as kernels; a class in Python or a "
-            "library in C beside the studies, which runs in processes of its own.",
+            "library in C next to the studies, which runs in processes of its own.",
         ),
     ] = "kernels",
 ) -> None:
@@ -253,7 +253,7 @@ def _parameters(name: str, chosen: ModelOptions, tyres: list[str], console: Cons
     Args:
         name: Of the file.
         chosen: The vehicle and the set.
-        tyres: The name of a tyre, or property files, whose curves are drawn into a page beside the file.
+        tyres: The name of a tyre, or property files, whose curves are drawn into a page next to the file.
         console: Where what was taken from property files is said.
     """
     from harness.api.model import write_set

@@ -43,7 +43,7 @@ class NextDriveOptions:
     limits: Annotated[Path | None, typer.Option("--limits", help="TOML file with limits by name.")] = None
     single: Annotated[
         list[str] | None,
-        typer.Option("--limit", metavar="NAME=VALUE", help='Limit beside the file: road_width="12 m"; repeatable.'),
+        typer.Option("--limit", metavar="NAME=VALUE", help='Limit, besides the file: road_width="12 m"; repeatable.'),
     ] = None
     budget: Annotated[str, typer.Option("--budget", help="Driving time, in s or with a unit.")] = "60 s"
     manoeuvres: Annotated[

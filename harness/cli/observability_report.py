@@ -1,6 +1,6 @@
 """Figure (in the form of Bild 5.2, Ziaukas 2023) and table of ``harness observability``.
 
-Beside the command and not in it, because Matplotlib takes longer to import than ``harness --help`` may take.
+Next to the command and not in it, because Matplotlib takes longer to import than ``harness --help`` may take.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def report(spec: ModelSpec, unknown_inputs: Sequence[str], out: Path, profile: P
 
     Args:
         spec: The model with its values; parameters that are not known are among its states.
-        unknown_inputs: Inputs that the estimator does not know beside those of the model.
+        unknown_inputs: Inputs that the estimator does not know in addition to those of the model.
         out: Folder of the figure; made if absent.
         profile: Another drive than ``synthetic_manoeuvre()``.
 

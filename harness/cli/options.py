@@ -52,14 +52,14 @@ SignalOption = Annotated[
 ]
 UnknownOption = Annotated[
     list[str] | None,
-    typer.Option("--unknown-input", help="Input that is estimated as a random walk beside the states; repeatable."),
+    typer.Option("--unknown-input", help="Input that is estimated as a random walk with the states; repeatable."),
 ]
 ParameterOption = Annotated[
     list[str] | None,
     typer.Option(
         "--unknown-parameter",
         metavar="NAME[,prior=..][,walk=..]",
-        help='Parameter to estimate beside the states: trailer_mass,prior="4 t"; repeatable.',
+        help='Parameter to estimate with the states: trailer_mass,prior="4 t"; repeatable.',
     ),
 ]
 DriveOption = Annotated[

@@ -39,7 +39,7 @@ ChannelsOption = Annotated[
 ]
 FileArgument = Annotated[
     Path | None,
-    typer.Argument(help="File of measured drives, with the model and all that is asked; only --out and --jobs beside."),
+    typer.Argument(help="File of measured drives with the model and all that is asked; else only --out and --jobs."),
 ]
 TrainOption = Annotated[list[Path], typer.Option("--train", "-d", help=f"Recording to fit, or {RECORDING}")]
 TestOption = Annotated[list[Path], typer.Option("--test", "-t", help=f"Held-out recording, or {RECORDING}")]
@@ -210,7 +210,7 @@ class MeasuredOptions:
         """Return the file of measured drives with the folder of its results; ``None`` without one.
 
         Raises:
-            UserError: If other options stand beside the file, or what is needed without one is not given.
+            UserError: If other options are given with the file, or what is needed without one is not given.
         """
         from harness.identification.measured_file import MeasuredStudy
 
@@ -227,7 +227,7 @@ class MeasuredOptions:
         bare = type(self)(file=self.file, model=MaybeModelOptions(), out=self.out, jobs=self.jobs)
         if self != bare:
             raise UserError(
-                f"{self.file} states model, recordings and all that is asked; give only --out and --jobs beside"
+                f"{self.file} states model, recordings and all that is asked; give only --out and --jobs with it"
             )
         return MeasuredStudy.read(self.file), self.out or RESULTS / f"{command}-{self.file.stem}"
 

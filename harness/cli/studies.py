@@ -200,7 +200,7 @@ def view(
     ],
     study: Annotated[
         Path | None,
-        typer.Option("--study", help="Study file of the result, if recordings or networks lie beside it."),
+        typer.Option("--study", help="Study file of the result, if recordings or networks lie next to it."),
     ] = None,
     port: Annotated[int, typer.Option("--port", min=0, max=65535, help="Port; a free one if absent.")] = 0,
     browser: Annotated[bool, typer.Option(help="Open the page in the browser.")] = True,

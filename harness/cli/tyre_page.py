@@ -1,4 +1,4 @@
-"""Page of the tyres of a parameter file: the curve of each beside a Magic Formula of four coefficients fitted to it."""
+"""Page of the tyres of a parameter file: the curve of each, with a Magic Formula of four coefficients fitted."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def report(spec: ModelSpec, tyres: Sequence[FittedTyre]) -> Report:
                     ),
                     Sheet(header, rows, f"The fit, and its largest error to {np.degrees(LARGEST):g}° over D.", left=1),
                 ],
-                "Beside four coefficients",
+                "Next to four coefficients",
             ),
         ],
     )

@@ -1,4 +1,4 @@
-"""The words of modules that run beside the command line; that one refuses the same by itself."""
+"""The words of modules that run outside the command line; that one refuses the same by itself."""
 
 from __future__ import annotations
 

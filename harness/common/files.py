@@ -156,7 +156,7 @@ def read_content(path: Path) -> bytes:
     """Return the bytes of a small file.
 
     Raises:
-        UserError: If it is absent (with the closest names beside it), no plain file, larger than ``LARGEST_TEXT``, or
+        UserError: If it is absent (with the closest names next to it), no plain file, larger than ``LARGEST_TEXT``, or
             cannot be read.
     """
     refuse_special(path)

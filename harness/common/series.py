@@ -1,4 +1,4 @@
-"""Time series thinned to the resolution of a screen with every extreme, and kept beside a result."""
+"""Time series thinned to the resolution of a screen with every extreme, and kept next to a result."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """The source files that a computation really runs, and a digest of them.
 
 What a computation runs is the modules that it begins with and all that these import: not a list of folders, which
-forgets what is moved, and not the whole tree, which counts the wording of a report. Packages installed beside the
+forgets what is moved, and not the whole tree, which counts the wording of a report. Packages other than the
 project are left out; their versions are recorded. A module that only re-exports a name is replaced by the one that
 defines it.
 

@@ -42,7 +42,7 @@ class DistributionTable(StrictTable):
     weights: list[Number] | None = Field(
         default=None, description="discrete: how often each value is, in any ratio (default: equally often)"
     )
-    file: Name | None = Field(default=None, description="empirical: CSV file of the sample, beside the study")
+    file: Name | None = Field(default=None, description="empirical: CSV file of the sample, next to the study")
     column: Name | None = Field(
         default=None,
         description="empirical: column of it, in the factor's unit (default: the parameter's name)",

@@ -177,7 +177,7 @@ def _description(raw: ModelTable, folder: Path, problems: Problems) -> Descripti
 
 
 def _beside(name: str, folder: Path, where: str) -> Path:
-    """Return the file of a name, beside the study or in the working directory.
+    """Return the file of a name, next to the study or in the working directory.
 
     Raises:
         UserError: If there is none.

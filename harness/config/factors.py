@@ -366,7 +366,7 @@ class _FactorReader:
         text = _unsigned(raw)
         fraction = self._fraction(text, key)
         width = self._number(text, key) if fraction is None else fraction * abs(centre)
-        itself = self.table.bands is not None and width == 0 and not fraction  # the nominal value beside its bands
+        itself = self.table.bands is not None and width == 0 and not fraction  # the nominal value, no band
         if not width > 0 and not itself:
             if width < 0 or (fraction or 0.0) < 0:
                 why = f"a half-width has no sign, got {raw!r}; leave it out, or state a one-sided change by 'shift'"

@@ -247,7 +247,7 @@ def _parameter_set(table: Stated, folder: Path, problems: Problems) -> Parameter
 
 
 def _with_set(table: Stated, parameter_set: ParameterSet, problems: Problems) -> Stated:
-    """Add a parameter set with what comes with it; tyre and effects that are stated beside its name stand.
+    """Add a parameter set with what comes with it; tyre and effects that are stated in addition to its name stand.
 
     Sensors stand wherever they are stated: they belong to the vehicle's equipment and not to its values.
     """

@@ -158,7 +158,7 @@ RELATIVE_STD = 0.1
 def set_std(spec: ModelSpec, folder: Path | None = None) -> dict[str, float]:
     """Return the standard deviations that the parameter set of a model states, SI units, by parameter.
 
-    A parameter file is looked for beside the study, in ``folder``, then in the working directory.
+    A parameter file is looked for next to the study, in ``folder``, then in the working directory.
     """
     return load_set(spec.parameters, folder or Path(), "parameters").std
 

@@ -52,7 +52,7 @@ def read_posterior(name: str, folder: Path, where: str, model: int | None = None
     """Return the posterior that a result folder of ``harness identify`` or ``trace`` or a sample in a CSV file holds.
 
     Args:
-        name: Folder or file, beside a study or in the working directory.
+        name: Folder or file, next to a study or in the working directory.
         folder: Of the study.
         where: Key path, for errors.
         model: Number of a model of the confusable set of a trace, from 1; by default of what was fitted last.
@@ -65,7 +65,7 @@ def read_posterior(name: str, folder: Path, where: str, model: int | None = None
     path = next((p for top in (folder, Path()) for file in files if (p := top / name / file).is_file()), None)
     if path is None:
         lacking = f"no file '{name}'" if is_sample else f"no {' and no '.join(FILES)} in '{name}'"
-        raise UserError(f"{where}: there is {lacking}, beside the study or in the working folder")
+        raise UserError(f"{where}: there is {lacking}, next to the study or in the working folder")
     if is_sample and model is not None:
         raise UserError(f"{where}: {path} is a sample and has no models; remove 'model'")
     return _of_sample(path) if is_sample else _of_fit(path, where, model)

@@ -92,7 +92,7 @@ class ModelTable(StrictTable):
         default=None, description="[belief] only: inputs to be estimated as random walks"
     )
     unknown_parameters: list[UncertainParameter] | None = Field(
-        default=None, description="[belief] only: parameters to be estimated beside the states"
+        default=None, description="[belief] only: parameters to be estimated in addition to the states"
     )
     considered_parameters: list[UncertainParameter] | None = Field(
         default=None, description="[belief] only: parameters whose uncertainty is reckoned with, not estimated"
@@ -159,7 +159,7 @@ class HistoryTable(StrictTable):
     repeat: Annotated[StrictInt, Field(ge=0)] = Field(default=0, description="index of the repeat, from 0")
     signals: list[Name] = Field(
         default_factory=list,
-        description="further states or ports of the belief to draw, beside targets and unknown inputs",
+        description="further states or ports of the belief to draw, in addition to targets and unknown inputs",
     )
 
 
@@ -254,7 +254,7 @@ class StudyFile(StrictTable):
         default=0.0, description="time at the beginning of every drive that no score counts: estimators settle"
     )
     drives: Annotated[Text | Annotated[list[Name], Tag(LIST)], one_of(TEXT, LIST)] = Field(
-        default_factory=list, description="files of drives: drives/<name>.toml beside the study"
+        default_factory=list, description="files of drives: drives/<name>.toml next to the study"
     )
     drive: list[DriveTable] = Field(default_factory=list, description="drives of this study only")
     plant: ModelTable = Field(description="the vehicle that is simulated")

@@ -297,7 +297,7 @@ class HistorySpec:
         levels: The band's levels by parameter, SI.
         sample: Index of the Sobol point.
         repeat: Index of the repeat.
-        signals: Quantities of the belief to draw beside the targets and the unknown inputs.
+        signals: Quantities of the belief to draw in addition to the targets and the unknown inputs.
     """
 
     name: str

@@ -205,7 +205,7 @@ class CardKernel:
         stem: What it does.
         function: Ordinary function whose threads are runs; those it calls come with it.
         compiled: The model whose kernels it uses, if any.
-        given: What its stand-ins stand for, beside the names of the model.
+        given: What its stand-ins stand for, in addition to the names of the model.
 
     Raises:
         ModelError: If it uses an undefined name, machine code written for a processor, or arrays of unknown sizes.

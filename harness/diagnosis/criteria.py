@@ -23,7 +23,7 @@ class Priors:
         stated: Standard deviation of the logarithm of a parameter about its stated value, where its set states none.
         length: The same of a length that says where an axle, a coupling or the CoG is.
         implausible: How many of these one of many parameters may be off at most.
-        beside_curves: The most that it may be for the step of a parameter beside curves.
+        beside_curves: The most that it may be for the step of a parameter besides curves.
         misfit: Factor on the spectrum of the innovations in an octave that something unmodelled adds at least.
         gain: Share by which a gain may differ from what positions say of it, besides their standard errors.
         intensity: Standard deviation of the logarithm of an intensity of a random process on another day.

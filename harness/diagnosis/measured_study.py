@@ -1,4 +1,4 @@
-"""Trace of the drives of a file and then of its changed drives, with the published model beside the fitted ones."""
+"""Trace of the drives of a file and then of its changed drives, with the published model and the fitted ones."""
 
 from __future__ import annotations
 

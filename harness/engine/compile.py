@@ -220,7 +220,7 @@ def paste(
         compiled: The model.
         stem: What the module does.
         functions: Ordinary functions; those they call come with them.
-        given: What their stand-ins stand for, beside the names of the model.
+        given: What their stand-ins stand for, in addition to the names of the model.
 
     Raises:
         ModelError: If a function uses an undefined name.

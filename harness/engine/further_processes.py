@@ -48,7 +48,7 @@ def compile_all(
     Args:
         kernels: What is compiled.
         again: Makes it in a further process, which gets this function pickled.
-        further: Returns how many further processes may work beside this one if so many kernels are missing.
+        further: Returns how many further processes may work in addition to this one if so many kernels are missing.
         say: Receives what is being done, in words.
     """
     missing = deque(missing_kernels(kernels))

@@ -114,7 +114,7 @@ class Belief(NamedTuple):
 
 
 class Info(NamedTuple):
-    """What an estimator says about a step beside the state.
+    """What an estimator says about a step in addition to the state.
 
     Attributes:
         innovation: Measurement minus its prediction, shape ``(ny, LANES)``; NaN where nothing was measured.

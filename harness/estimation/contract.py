@@ -10,7 +10,7 @@ and, where the default in ``DEFAULTS`` does not serve,
 ``HAS_COVARIANCE``              whether it states an error covariance
 ``tuning(settings, nx, ny)``    the numbers its kernel reads
 ``memory_size(settings, compiled)``
-                                rows of memory it carries beside mean and covariance, all zero at first
+                                rows of memory it carries in addition to mean and covariance, all zero at first
 ``write_covariance(state, work)``
                                 kernel: writes the covariance of a state that ``step`` left, for an estimator that goes
                                 on without it; called only where somebody reads it
@@ -63,7 +63,7 @@ from harness.runner import filter_loop
 
 
 class NoSettings(BaseModel):
-    """No settings beside the noise it believes in."""
+    """No settings but the noise it believes in."""
 
     model_config = ConfigDict(extra="forbid")
 

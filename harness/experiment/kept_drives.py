@@ -31,7 +31,7 @@ class KeptDrives:
 
     Args:
         folder: Of the result of the design; nothing is kept without one.
-        basis: Of all that decides what a drive tells beside the drive.
+        basis: Of all that decides what a drive tells in addition to the drive.
 
     Attributes:
         taken: Number of drives that were there before this design began.
@@ -73,7 +73,7 @@ class KeptDrives:
 
 
 def basis(result: Path, goal: Goal, limits: Limits, stated: object, kinds: Sequence[str]) -> str:
-    """Return the digest of all that decides what a drive tells beside the drive.
+    """Return the digest of all that decides what a drive tells in addition to the drive.
 
     Args:
         result: Folder of the result that left something open.

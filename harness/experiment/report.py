@@ -126,7 +126,7 @@ def _for_driver(designed: Designed) -> list[Block]:
     signals = listed([words(s) for s in dict.fromkeys([*model.outputs, "steering_wheel_angle", "speed"])])
     notes = [
         "Leave straight, or brake: the road reaches 1 s straight on behind the end. Its limits are those of the "
-        "paths of centres of gravity; the vehicle needs its own width and length beside them.",
+        "paths of centres of gravity; the vehicle needs its own width and length in addition.",
         f"Record {signals} at {rate:g} Hz, each drive as a file of its own, from before the entry to the end; what has "
         "another rate a channel map brings to that ([recording] step).",
         *(

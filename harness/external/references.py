@@ -59,7 +59,7 @@ def imported(loader: Mapping[str, Any]) -> Any:
     except ModuleNotFoundError as error:
         if error.name and loader["module"].startswith(error.name):
             raise UserError(
-                f"'{reference}': there is no module '{error.name}' beside the study, in the working directory or "
+                f"'{reference}': there is no module '{error.name}' next to the study, in the working directory or "
                 "among the installed packages"
             ) from None
         raise

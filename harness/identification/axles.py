@@ -1,4 +1,4 @@
-"""Cornering stiffness of the axles and understeer gradient that follow from parameters, beside these in reports."""
+"""Cornering stiffness of the axles and understeer gradient that follow from parameters, for reports."""
 
 from __future__ import annotations
 

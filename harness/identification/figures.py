@@ -51,7 +51,7 @@ def over_time(judged: Judged, outputs: list[str], tallest: float = style.TALLEST
                 for each, reach in ((axes, 1.5 * most), (errors, most)):
                     low, high = each.get_ylim()
                     each.set_ylim(max(low, -reach), min(high, reach))
-            # Above the panel: beside it the words would be longer than a low panel is high.
+            # Above the panel: next to it the words would be longer than a low panel is high.
             axes.set_title(f"{q.words}{style.in_unit(q.unit)}", loc="left")
             errors.set_title(f"error{style.in_unit(q.unit)}", loc="left")
             for each in (axes, errors):

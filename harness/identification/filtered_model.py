@@ -438,7 +438,7 @@ class FilteredModel(ABC):
 
 
 def _key(drive: DriveData, point: Candidates) -> tuple[int, bytes, bytes, bytes]:
-    """Return what tells a run from others, beside which the drive is kept, so that its id stays its own."""
+    """Return what tells a run from others, kept with the drive, so that its id stays its own."""
     return id(drive), point.values.tobytes(), point.process.tobytes(), point.measurement.tobytes()
 
 

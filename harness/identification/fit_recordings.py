@@ -186,7 +186,7 @@ _LONGEST = 300.0
 
 _SETTINGS = {"iterations": 15, "annealings": 0, "profiles": False}
 _GEARED = ("steering_ratio",)
-"""Fitted beside the stiffnesses where the model has it: a wrong map is seen in it first."""
+"""Fitted in addition to the stiffnesses where the model has it: a wrong map is seen in it first."""
 
 
 class NominalFit:

@@ -75,7 +75,7 @@ FINEST = 0.01
 """s; longest integration step: errors of integration look like a lag of the steering."""
 
 MEASURED = "measured_file"
-"""Key of the origin of a recording that a file of measured drives states: its path, beside ``key`` and ``place``."""
+"""Key of the origin of a recording that a file of measured drives states: its path, with ``key`` and ``place``."""
 
 
 def finely(table: Mapping[str, Any], step: float, where: str) -> ModelSpec:

@@ -59,7 +59,7 @@ def posterior_study(
     lacks: str = "",
     mixture: Mixture | None = None,
 ) -> str:
-    """Return the text of a study beside the result of an identification or a trace; empty where none can be made.
+    """Return the text of a study next to the result of an identification or a trace; empty where none can be made.
 
     The drive is a sine at the mean speed of the recordings, with as much steering. There is none of a vehicle that is
     not driven by steering wheel and speed, and none where a parameter has no standard error.

@@ -324,7 +324,7 @@ def write_outcome(folder: Path, fit: Fit, judged: list[Judged], source: str) -> 
 
 
 FILE = "drives.npz"
-"""Beside ``identify.json`` and ``trace.json``; ``harness.common.series`` reads it."""
+"""Next to ``identify.json`` and ``trace.json``; ``harness.common.series`` reads it."""
 
 MEASURED, BEFORE, AFTER = "measured", "before", "after"
 """Before the name of an output: as measured, and as the model before and after simulates it over the inputs."""

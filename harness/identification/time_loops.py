@@ -333,7 +333,7 @@ LIKELIHOOD = {
     record_first: begin_likelihood,
     record_sample: add_likelihood,
 }
-"""Kernels that ``innovate`` is made of beside the estimator's and ``note``."""
+"""Kernels that ``innovate`` is made of with the estimator's and ``note``."""
 
 
 @dataclass(frozen=True)
@@ -341,7 +341,7 @@ class Likelihood:
     """Log-likelihood and first sample outside the limits (``samples`` if none), in every lane ``(2, lanes)``.
 
     Attributes:
-        kernel: What is kept of the samples beside, in place of ``note``.
+        kernel: What is kept of the samples, in place of ``note``.
         notes: What it writes to.
     """
 

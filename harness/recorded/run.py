@@ -88,7 +88,7 @@ class RecordedModel:
 
     Args:
         spec: The model, its step that of the recordings; unknown inputs are among its states.
-        signals: Ports and inputs to estimate beside every state and unknown parameter.
+        signals: Ports and inputs to estimate in addition to every state and unknown parameter.
         inputs: ``joined``: recorded inputs run straight from sample to sample, as measured ones do; ``held``: they
             stay constant behind each sample, as those of a simulation do.
         references: Signal of the recording by the state or port that it is the reference of. Without it, a signal of

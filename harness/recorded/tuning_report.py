@@ -93,7 +93,7 @@ def _consistency(c: Consistency) -> dict[str, Any]:
 
 
 def write_tuning(path: Path, tuning: NoiseTuning) -> list[Path]:
-    """Write the parameter file, and beside it ``<name>.json`` with every number; return their paths.
+    """Write the parameter file, and next to it ``<name>.json`` with every number; return their paths.
 
     Raises:
         UserError: If they cannot be written.

@@ -188,7 +188,7 @@ def _against_effects(study: StudySpec, estimator: str, most: int) -> _Plan:
 def _more_estimated(
     attempt: partial[RemedyOutcome], outcomes: Sequence[RemedyOutcome], plan: _Plan, console: Console
 ) -> list[RemedyOutcome]:
-    """Estimate one more driver at a time, or bank over it, beside those with which it gains most, as long as it gains.
+    """Estimate one more driver at a time, or bank over it, with those with which it gains most, as long as it gains.
 
     All together may be worse than some: what a drive does not tell apart is put down to the wrong one.
     """

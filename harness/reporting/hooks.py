@@ -1,4 +1,4 @@
-"""Hooks of reports: what packages beside the harness add to its reports, such as ``reproductions`` in a checkout.
+"""Hooks of reports: what other packages add to its reports, such as ``reproductions`` in a checkout.
 
 A package declares its functions as entry points in the group ``harness.reports``. Those called
 

@@ -7,7 +7,7 @@ of a compiled one; what a study file names runs in worker processes (``harness.e
 **Arrays** are in SI units and end with the runs, of which there are ``LANES`` in a batch: ``(samples, n, LANES)``. Of
 several batches all arrays have their axis in front, but for what all batches have in common; what is written ``...`` in
 a shape is that axis, or none. Lanes without a run of their own repeat the last one. A run must not depend on the runs
-beside it, nor on what was run before.
+next to it, nor on what was run before.
 
 **Runs that fail** do not raise: a plant says from which sample on nothing of a run counts (``Batch.left_at``), a filter
 where its state is outside its limits (``History.facts``); what they write from there on is not looked at. An exception

@@ -53,7 +53,7 @@ def run_filter(source, belief, first, memories, record):
         source: What the reader reads from.
         belief: ``harness.engine.kernel_names.Belief``.
         first: ``harness.engine.kernel_names.State`` before the first step.
-        memories: Room for what the estimator carries beside, before and after a step, each ``(rows, LANES)``.
+        memories: Room for what the estimator carries besides the estimate, before and after, each ``(rows, LANES)``.
         record: What the recorder writes to.
     """
     source, belief, record = borrowed((source, belief, record))

@@ -6,7 +6,7 @@ of independent numbers of unit variance has the variance ``a / (2 - a)`` (Robert
 ``m`` measurements has mean ``m`` and variance ``2 m`` where the filter is right, each innovation over its standard
 deviation mean 0 and variance 1 (Bar-Shalom, Li and Kirubarajan 2001, 5.4).
 
-The kernels below run over the batches of a study and are printed to C beside an estimator by
+The kernels below run over the batches of a study and are printed to C next to an estimator by
 ``harness.realtime.export``.
 """
 

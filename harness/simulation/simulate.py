@@ -194,7 +194,7 @@ def simulate_drive(
     Args:
         spec: Vehicle, parameters and noise.
         profile: The drive.
-        signals: Quantities to record beside states, inputs and measured outputs.
+        signals: Quantities to record in addition to states, inputs and measured outputs.
         seed: Seed of process and measurement noise; ``None`` simulates without noise.
         held: Whether inputs are held behind each sample, as in a study, or run straight to the next one, as a driver's.
 

@@ -6,7 +6,7 @@ of the information leaves uncertain of a target is the smallest mean square erro
 vehicle. The theorem takes the expectation of the slopes over runs; here each run has its own recursion, and the mean is
 taken of the squares: the same on a linear model, and a little more on any other.
 
-Beside it stands what a smoother reaches on these runs, which knows the vehicle and all measurements of a run: an
+With it comes what a smoother reaches on these runs, which knows the vehicle and all measurements of a run: an
 extended Kalman filter with the vehicle's parameters and noise runs forwards; backwards the innovations behind each
 sample correct its estimate, in the form of Bierman (1977), which needs no inverse of a predicted covariance:
 ``l_k = A_k' (C_k+1' l_k+1 - H_k+1' S_k+1^-1 e_k+1)`` with ``C = I - K H``, and the smoothed state is ``x_k - P_k l_k``.
@@ -100,7 +100,7 @@ class KnownRuns:
 
 
 def write(evaluator: StudyEvaluator, folder: Path) -> None:
-    """Compute the bounds of a study and write them beside its scores, where they are not there yet."""
+    """Compute the bounds of a study and write them next to its scores, where they are not there yet."""
     kept = content_of(folder)
     if kept.get("study_hash") != evaluator.study.hash or "smoothed" not in kept:
         content = {

@@ -1,4 +1,4 @@
-"""The smallest errors possible as they stand beside the scores of a study; ``harness.study.bound`` computes them."""
+"""The smallest errors possible as they stand next to the scores of a study; ``harness.study.bound`` computes them."""
 
 from __future__ import annotations
 

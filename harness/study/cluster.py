@@ -286,7 +286,7 @@ def _report_lost(before: Collection[str], now: set[str], console: Console) -> se
 
 @dataclass(frozen=True)
 class _There:
-    """What a worker is told beside study and unit: result folder, code that it must have, where components are."""
+    """What a worker receives with study and unit: result folder, code that it must have, where components are."""
 
     folder: Path
     expected: dict[str, str]

@@ -1,4 +1,4 @@
-"""Devices beside the processor that a study may run on, found by name among the entry points ``harness.devices``.
+"""Devices other than the processor that a study may run on, found by name among the entry points ``harness.devices``.
 
 An entry point is a function without arguments that returns the device, a module, or raises ``UserError`` where packages
 are missing. The module has

@@ -51,7 +51,7 @@ Result = dict[str, NDArray[np.generic]]
 """Scores by name as a store has them."""
 
 _SIMULATED_AT_ONCE = 2**20
-"""Bytes of simulated batches that a processor's caches hold beside everything else."""
+"""Bytes of simulated batches that a processor's caches hold in addition to everything else."""
 
 
 class StudyEvaluator:

@@ -29,7 +29,7 @@ PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "sympy", "xarray", "zarr", "S
 
 
 def code_state(study: StudySpec) -> dict[str, str]:
-    """Return what scores depend on, to the bit, beside the study: ``engine`` and ``versions`` of the packages."""
+    """Return what scores depend on, to the bit, besides the study: ``engine`` and ``versions`` of the packages."""
     versions = {"python": platform.python_version(), **{p: importlib.metadata.version(p) for p in PACKAGES}}
     if study.device != "cpu":
         versions |= {"device": study.device, **device(study.device).versions()}

@@ -24,7 +24,7 @@ from harness.study.subset_simulation import rare_event
 
 
 def write(evaluator: StudyEvaluator, folder: Path, jobs: int) -> None:
-    """Estimate the rare event of a study and write it beside its scores, where it is not there yet.
+    """Estimate the rare event of a study and write it next to its scores, where it is not there yet.
 
     Args:
         evaluator: Of the study.

@@ -1,4 +1,4 @@
-"""The rare event as it stands beside the scores of a study; ``harness.study.rare_event`` computes it."""
+"""The rare event as it stands next to the scores of a study; ``harness.study.rare_event`` computes it."""
 
 from __future__ import annotations
 

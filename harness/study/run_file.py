@@ -1,4 +1,4 @@
-"""What a run was like, as it stands beside the scores of a study: duration, workers, memory."""
+"""What a run was like, as it stands next to the scores of a study: duration, workers, memory."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def _wrong(content: dict[str, Any]) -> str | None:
 
 
 def faults(folder: Path) -> list[str]:
-    """Return what is wrong with the files beside a store, in words with the remedy; they have no checksums."""
+    """Return what is wrong with the files next to a store, in words with the remedy; they have no checksums."""
     errors = []
     for look in (read, bound_file.content_of, rare_file.content_of, trust_file.content_of):
         try:

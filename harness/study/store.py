@@ -4,7 +4,7 @@ One group per design, with the plain dimensions ``band, sample, drive, repeat, e
 chunks of its own, so threads and processes write without knowing of each other. ``status`` is written after
 the scores of a unit, so a unit whose status is pending counts as not done, and the checksums of all its chunks last
 (``harness.study.checksums``). Nothing that depends on the number of workers or on the clock is in the store;
-``run.json`` beside it tells that. When a study ends, ``consolidate`` copies the metadata of all groups into the root,
+``run.json`` next to it tells that. When a study ends, ``consolidate`` copies the metadata of all groups into the root,
 so that ``xarray.open_datatree`` reads the whole store without looking for its groups; checksums cover the groups' own
 metadata, which everything here reads.
 """

@@ -1,4 +1,4 @@
-"""Trust monitors as they stand beside the scores of a study; ``harness.remedy.monitor`` calibrates and counts them."""
+"""Trust monitors as they stand next to the scores of a study; ``harness.remedy.monitor`` calibrates and counts them."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def asked_of(study: StudySpec) -> dict[str, Any]:
 
 
 def write(folder: Path, study: StudySpec, trust: StudyTrust) -> None:
-    """Write what was counted beside the scores of a study.
+    """Write what was counted next to the scores of a study.
 
     Raises:
         UserError: If the folder cannot be written to.

@@ -77,7 +77,7 @@ def verify(folder: Path, find: Callable[[], StudySpec], sample: int = 3, seed: i
         seed: Of the draw; another one each time by default.
 
     Raises:
-        UserError: If there is no store, it has no checksums, a file beside it is damaged, or ``find`` does not give the
+        UserError: If there is no store, it has no checksums, a file of it is damaged, or ``find`` does not give the
             study that it is of.
     """
     with reached(folder):

@@ -6,7 +6,7 @@ sequence in the box of a design, on the training drives. The error of a run is i
 vehicle with the noise as it is, in the mean over the targets, so that 1 is what the estimator does where all is as
 believed. A run without a score counts as ``LOST``.
 
-Errors at the nominal point are found beside it, for every candidate. A third of the candidates each seek the smallest
+Errors at the nominal point are computed with it, for every candidate. A third of the candidates each seek the smallest
 nominal error, the smallest product of both, and the smallest worst case, so that the front between the two is known.
 The candidate to take is judged on further points of the sequence and other noise, too.
 """

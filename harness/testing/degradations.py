@@ -27,7 +27,7 @@ def check_degradation(degradation: str | types.ModuleType) -> None:
 
     Units of its parameters; that readings are as they were at the neutral values and not everywhere else; and, at
     points in the bounds of the parameters, that each reading is a number or NaN, depends on no later one, and is the
-    same whatever runs stand beside its own.
+    same whatever runs stand next to its own.
 
     Args:
         degradation: Its name, or a module that keeps the contract (``harness/models/contracts.py``).

@@ -180,7 +180,7 @@ def _check_missing(name: str, g: Ground) -> None:
 
 
 def _check_batches(name: str, g: Ground) -> None:
-    """One run in lane 0 beside others equals the same run beside itself, scores included."""
+    """One run in lane 0 next to others equals the same run next to itself, scores included."""
     rng = np.random.default_rng(8)
     samples, names = len(g.y), (*g.compiled.model.states, *g.compiled.signal_names)
     truth, scatter = (rng.normal(size=(samples, n, LANES)) for n in (len(names), g.compiled.ny))
@@ -203,7 +203,7 @@ def _check_batches(name: str, g: Ground) -> None:
         for field in ("rmse", "bias", "max_error", "nees", "nis", "log_likelihood", "kept"):
             in_batch, by_itself = getattr(batch, field)[..., lane], getattr(alone, field)[..., 0]
             same = np.array_equal(in_batch, by_itself, equal_nan=True)
-            require(same, f"{name}: a run's {field} depends on the runs beside it")
+            require(same, f"{name}: a run's {field} depends on the runs next to it")
 
 
 def _check_follows(name: str, settings: Mapping[str, Any]) -> None:

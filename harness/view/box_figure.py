@@ -38,7 +38,7 @@ class Across:
 
 
 class BoxFigure:
-    """Boxes across levels or drives, an estimator beside the other.
+    """Boxes across levels or drives, one estimator next to the other.
 
     Args:
         boxes: What is drawn.
@@ -172,7 +172,7 @@ class BoxFigure:
         return across + (self.estimators.index(estimator) - (len(self.estimators) - 1) / 2) * self.width
 
     def hit(self, x: float, y: float) -> tuple[Box, int] | None:
-        """Return the box below a click and the run whose score is nearest to it; ``None`` beside all boxes."""
+        """Return the box below a click and the run whose score is nearest to it; ``None`` off all boxes."""
         near = [b for b in self._boxes if abs(self.place(b.across, b.estimator) - x) <= self.width / 2]
         if not near or (self._log and y <= 0):
             return None

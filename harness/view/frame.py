@@ -47,7 +47,7 @@ def said(text: str, **further: Any) -> Div:
 
 
 def line(*widgets: Any) -> Any:
-    """Return widgets beside each other, and below where a page is too narrow for that."""
+    """Return widgets next to each other, and below where a page is too narrow for that."""
     return row(*widgets, styles={"flex-wrap": "wrap"}, sizing_mode="stretch_width")
 
 
@@ -90,7 +90,7 @@ def fill(document: Document, template: str, title: str, roots: dict[str, Any], *
 
     Args:
         document: The page.
-        template: File beside this module; what it is given are names of roots and HTML of this package.
+        template: File next to this module; what it is given are names of roots and HTML of this package.
         title: Of the window; shown as text.
         roots: Models by the name that the template has for them.
         **variables: Further ones of the template.

@@ -139,7 +139,7 @@ def slant_labels(axis: Any) -> None:
 
 
 def names_inside(plot: Any, names: Sequence[str], edge: float) -> None:
-    """Write names above the rows of a figure, the first on top: beside them they would take a phone's width.
+    """Write names above the rows of a figure, the first on top: next to them they would take a phone's width.
 
     Args:
         plot: With rows at 0, 1, … from below.

@@ -33,7 +33,7 @@ def pages(folders: Sequence[Path], study: Path | None = None) -> dict[str, Put]:
 
     Args:
         folders: One, or two and more of studies.
-        study: Study file, if files that it names lie beside it.
+        study: Study file, if files that it names lie next to it.
 
     Returns:
         What puts a page into a document, by its place below the address; ``/`` is the first one.

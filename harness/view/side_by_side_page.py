@@ -21,10 +21,10 @@ from harness.study.report import analyse
 from harness.study.report.analysis import Analysis
 from harness.study.report.opening import answer_in_short
 from harness.view import looks
-from harness.view.beside import Beside, ChosenBoxes, Slot, arranged, beside
 from harness.view.box_figure import Across, BoxFigure
 from harness.view.boxes import SCORES, Box, run_in_words, sorted_box, unit_of
 from harness.view.frame import Part, address_bar, arguments_of, index_of, indices_of, line, put_parts, said
+from harness.view.side_by_side import ChosenBoxes, SideBySide, Slot, arranged, side_by_side
 from harness.view.tables import table
 
 Run = tuple[int, int, int, int, int, int]
@@ -37,7 +37,7 @@ def build(folders: Sequence[Path]) -> Callable[[Document], None]:
     Raises:
         UserError: If one cannot be read, or has no target in common with the others.
     """
-    studies = beside(folders, [analyse(folder) for folder in folders])
+    studies = side_by_side(folders, [analyse(folder) for folder in folders])
 
     def put(document: Document) -> None:
         _SideBySide(document, studies)
@@ -48,7 +48,7 @@ def build(folders: Sequence[Path]) -> Callable[[Document], None]:
 class _SideBySide:
     """One reader's page."""
 
-    def __init__(self, document: Document, studies: Beside) -> None:
+    def __init__(self, document: Document, studies: SideBySide) -> None:
         self._studies, self._address = studies, address_bar()
         self._looks = style.looks(studies.estimators)
         self._numbers: dict[tuple[Any, ...], tuple[str, ...]] = {}
@@ -100,7 +100,7 @@ class _SideBySide:
         return self._studies.designs[int(self._design.value)]
 
     def _usual_order(self) -> int:
-        """Return whether studies have a level in common, so that its boxes belong beside each other."""
+        """Return whether studies have a level in common, so that its boxes belong next to each other."""
         slots = self._studies.slots(range(len(self._studies.names)), self._name)
         levels = [self._studies.level(slot, self._name) for slot in slots]
         return 0 if len(set(levels)) < len(levels) else 1
@@ -336,7 +336,7 @@ class _SideBySide:
         return "?" + urlencode(query)
 
 
-def _unpaired(studies: Beside, why: dict[int, str], some: bool) -> str:
+def _unpaired(studies: SideBySide, why: dict[int, str], some: bool) -> str:
     """Return what differences are, or that there are none, and of which studies there can be none, and why."""
     first = studies.names[0]
     sentences = [f"No study that is switched on has the runs of {first}."]
@@ -362,7 +362,7 @@ _ORDERS = ["by level", "by study"]
 _COLUMNS = ("estimator", "level", "study", "runs", "median")
 _PAIRED = ("pairs", "median difference", "95 % interval", "share", "smaller in")
 _NO_RUN = "A click on a box, a whisker or a point chooses a run. By keyboard: choose it below the boxes."
-_HINT = "Boxes of the same level stand beside each other, or those of the same study. A click chooses a run."
+_HINT = "Boxes of the same level stand next to each other, or those of the same study. A click chooses a run."
 
 
 _THERE = "there"

@@ -1,4 +1,4 @@
-"""Parameters as states: what an estimator does not know of its model, beside what it wants to know.
+"""Parameters as states: what an estimator does not know of its model, in addition to what it wants to know.
 
 A parameter ``p`` that is believed to be ``p_0`` at first becomes a state ``z`` that stands still or walks at random
 (Jazwinski 1970, ch. 8): ``p = p_0 exp(z)`` for a quantity that cannot be negative, ``p = p_0 + z`` for any other. The

@@ -1,4 +1,4 @@
-"""Double lane change: into the lane beside and back, along a path (ISO 3888-1 and -2 lay out its lanes by cones).
+"""Double lane change: into the next lane and back, along a path (ISO 3888-1 and -2 lay out its lanes by cones).
 
 The driver steers what the path needs and corrects nothing: ``ratio (atan(L kappa) + EG v^2 kappa)`` for the curvature
 ``kappa``, wheelbase ``L`` and understeer gradient ``EG`` of the vehicle as stated, at constant speed. So the vehicle

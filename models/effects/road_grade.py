@@ -1,7 +1,7 @@
 r"""A road that climbs alike everywhere: gravity pulls each body backwards.
 
 A vehicle that computes its own speed slows down. Where the speed is given, the grade shows only in what drive and
-brakes must do about it, so it needs ``combined_slip`` or ``longitudinal_load_transfer`` beside it.
+brakes must do about it, so it needs ``combined_slip`` or ``longitudinal_load_transfer`` with it.
 
 Equation: $\dot v_x = \dots - g\sin\gamma$.
 

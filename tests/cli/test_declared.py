@@ -237,7 +237,7 @@ def test_an_identification_takes_the_same_file(measured_file, monkeypatch):
 def test_a_file_stands_alone_and_without_one_the_rest_is_asked_for(measured_file, command):
     done = ran(command, measured_file, "-m", "car")
     assert done.exit_code == 2
-    assert "give only --out and --jobs beside" in done.stderr
+    assert "give only --out and --jobs with it" in done.stderr
     done = ran(command, "-m", "car", "--train", "a.csv")
     assert done.exit_code == 2
     assert ("--test" in done.stderr) == (command == "trace")

@@ -384,7 +384,7 @@ def test_a_disturbance_without_a_name_makes_it_likelier_that_no_name_is_right(ou
     assert record["posterior"]["hypotheses"][0]["probability"] == pytest.approx(0.9 / (1.0 + odds))
     assert record["confusable"]["models"][0]["share"] == 1.0  # if one of them is right
     assert likely(said) == [
-        "9 in 10: none of the following; something else is there, in place of them or beside them",
+        "9 in 10: none of the following; something else is there, in place of them or in addition",
         "if one is right, more than 99 in 100: steering lag (0 ms)",
     ]
     assert "9 in 10: none of the following" in text

@@ -100,7 +100,7 @@ def test_the_gear_gives_a_speed_its_sign(tmp_path):
     assert read[3500] == pytest.approx(-3.0, abs=0.1)
     assert read[1000] == pytest.approx(6.0, abs=0.1)
     mapping["speed"]["reverse"] = "gears"
-    with pytest.raises(UserError, match=r"'gears' is no column beside 'speed'.*closest: gear"):
+    with pytest.raises(UserError, match=r"'gears' is no column of .*closest: gear"):
         checked(frame, mapping)
     mapping["speed"]["reverse"] = ""
     mapping["yaw_rate"]["reverse"] = "gear"

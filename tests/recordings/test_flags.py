@@ -32,7 +32,11 @@ def test_values_that_a_flag_says_are_none_are_missing(tmp_path, condition, lost)
 
 @pytest.mark.parametrize(
     ("condition", "says"),
-    [("Fxi", "'Fxi' is no column beside 'w'"), ("Fix == good", "'good' is no number"), ("Fix == 7", "where Fix == 7")],
+    [
+        ("Fxi", "'Fxi' is no column of"),
+        ("Fix == good", "'good' is no number"),
+        ("Fix == 7", "where Fix == 7"),
+    ],
 )
 def test_a_flag_that_is_none_is_named(tmp_path, condition, says):
     (tmp_path / "a.csv").write_text("t,w,Fix\n0,1,1\n0.1,2,1\n0.2,3,1\n", encoding="utf-8")

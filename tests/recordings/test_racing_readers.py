@@ -160,7 +160,7 @@ def test_an_info_file_of_another_run_is_refused(tmp_path, old, new, said):
     with pytest.raises(UserError, match=said):
         readers.read(erg(tmp_path, INFO.replace(old, new)))
     (tmp_path / "a.erg.info").unlink()
-    with pytest.raises(UserError, match=r"a\.erg\.info is not beside it"):
+    with pytest.raises(UserError, match=r"a\.erg\.info is not next to it"):
         readers.read(tmp_path / "a.erg")
 
 

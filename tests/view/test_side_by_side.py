@@ -12,8 +12,8 @@ from harness.reporting import style
 from harness.study.report import analyse
 from harness.study.report.analysis import Analysis
 from harness.view import side_by_side_page
-from harness.view.beside import Slot, arranged, beside
 from harness.view.pages import pages
+from harness.view.side_by_side import Slot, arranged, side_by_side
 from harness.view.side_by_side_page import settings
 from support.stored_results import NASTY
 
@@ -21,7 +21,7 @@ from support.stored_results import NASTY
 @pytest.fixture
 def studies(folder, other, unlike):
     folders = [folder, other, unlike]
-    return beside(folders, [analyse(f) for f in folders])
+    return side_by_side(folders, [analyse(f) for f in folders])
 
 
 @pytest.fixture
@@ -82,7 +82,7 @@ def test_levels_that_studies_share_stand_beside_each_other(document):
 
 def test_studies_without_a_common_level_stand_study_by_study(folder, unlike):
     second = analyse(unlike)
-    mine = beside([folder, unlike], [analyse(folder), with_design(second, bands=["2 t", "2.1 t"])])
+    mine = side_by_side([folder, unlike], [analyse(folder), with_design(second, bands=["2 t", "2.1 t"])])
     slots = mine.slots([0, 1], "mass")
     assert slots == [Slot(0, 0), Slot(0, 1), Slot(1, 0), Slot(1, 1)]
     levels = [mine.level(s, "mass") for s in slots]
@@ -164,7 +164,7 @@ def test_settings_that_differ_are_told_apart(document):
 
 def test_the_same_runs_pair_and_differ_by_nothing(folder):
     study = analyse(folder)
-    twice = beside([folder, folder], [study, study])
+    twice = side_by_side([folder, folder], [study, study])
     assert [twice.unpaired(1, name) for name in ("mass", "all")] == ["", ""]
     for score in ("rmse", "nis"):
         assert np.array_equal(twice.scores(0, "mass", score, 0), twice.scores(1, "mass", score, 0))
@@ -183,14 +183,14 @@ def test_the_same_runs_pair_and_differ_by_nothing(folder):
 )
 def test_runs_that_are_others_do_not_pair(folder, why, changed):
     study = analyse(folder)
-    assert beside([folder, folder], [study, with_design(study, **changed)]).unpaired(1, "mass") == why
+    assert side_by_side([folder, folder], [study, with_design(study, **changed)]).unpaired(1, "mass") == why
 
 
 def test_other_values_of_the_same_levels_do_not_pair(folder):
     study = analyse(folder)
     (factor,) = study.store.designs[0].factors
     second = with_design(study, factors=[replace(factor, values=1.01 * factor.values)])
-    assert beside([folder, folder], [study, second]).unpaired(1, "mass") == "the design 'mass' has other points"
+    assert side_by_side([folder, folder], [study, second]).unpaired(1, "mass") == "the design 'mass' has other points"
 
 
 def test_what_cannot_stand_side_by_side_is_refused(folder, results):
@@ -204,4 +204,4 @@ def test_what_cannot_stand_side_by_side_is_refused(folder, results):
         replace(d, targets=[replace(target, name="yaw_rate", words="yaw rate")]) for d in study.store.designs
     ]))  # fmt: skip
     with pytest.raises(UserError, match="scores yaw rate, and not lateral velocity as"):
-        beside([folder, folder], [study, second])
+        side_by_side([folder, folder], [study, second])

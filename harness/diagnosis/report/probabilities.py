@@ -69,7 +69,7 @@ def likely(outcome: Outcome) -> list[str]:
     own = posterior.model_with(outcome.trace.added)
     if own is not None and own not in shown:
         lines.append(f"{in_words(given_right * own.probability)}: what the search added; its criteria differ")
-    otherwise = "something else is there, in place of them or beside them"
+    otherwise = "something else is there, in place of them or in addition"
     if posterior.none > 0.5:
         return [
             f"{in_words(posterior.none)}: none of the following; {otherwise}",

@@ -3,7 +3,7 @@
 What is periodic in the distance driven is sought first (``order_analysis``), because no function of a signal explains
 it. ``stability_selection`` proposes pairs of an input and a signal. For each pair a smooth curve is fitted to the
 innovations together with the fitted parameters of the model, and assessed by cross-validation over the drives. Forward
-selection takes the best, then the best beside it, as long as the cross-validated likelihood rises. The likelihood of
+selection takes the best, then the best with it, as long as the cross-validated likelihood rises. The likelihood of
 the held-out drives must rise as well.
 
 In the simulation, a curve over motion is a function of the simulated motion and not of the measured one, so that its

@@ -24,7 +24,7 @@ def study_of(outcome: Outcome, file: str, confusable: Mapping[str, Any] | None) 
 
     Args:
         outcome: The trace.
-        file: The amended model beside the study.
+        file: The amended model next to the study.
         confusable: As in ``trace.json``.
     """
     if outcome.refused is not None:

@@ -304,7 +304,7 @@ def _amended(trace: Trace) -> ModelSpec:
 def with_effects(trace: Trace, added: Sequence[Hypothesis]) -> ModelSpec:
     """Return the nominal model with what it has from earlier drives, its random processes, and some additions.
 
-    Noise that was fitted beside a discrepancy is that of a filter that holds it. An effect that acts everywhere has its
+    Noise that was fitted with a discrepancy is that of a filter that holds it. An effect that acts everywhere has its
     parameters at each place, so it stands for itself at some.
     """
     spec = trace.fitting.augmented.spec

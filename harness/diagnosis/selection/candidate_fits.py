@@ -170,7 +170,7 @@ class CandidateFits:
     def judge(self, added: Added, point: ParameterPoint) -> Judgement:
         """Judge a model on the held-out drives; the same one once."""
         key = added, id(point)
-        if key not in self._judged:  # beside the point, whose id is its own as long as it is kept
+        if key not in self._judged:  # with the point, whose id is its own as long as it is kept
             self._judged[key] = self.held_out.judge(added, point), point
         return self._judged[key][0]
 

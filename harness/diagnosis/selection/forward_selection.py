@@ -347,10 +347,10 @@ class _ForwardSelection:
         )
 
     def _if_whole(self, added: Added, best: FittedHypothesis, process: Hypothesis) -> tuple[Added, FittedHypothesis]:
-        """Return a model without one of its random processes, unless nothing else seems to be missing beside that.
+        """Return a model without one of its random processes, unless nothing else seems to be missing.
 
         It takes up whatever is slow. In the place of what is missing it leaves what that does quickly, so innovations
-        stay coloured, or beside values that are implausible.
+        stay coloured, or where values are implausible.
         """
         fits, rest = self.candidate_fits, tuple(h for h in added if h != process)
         less = fits.fit(rest, fits.without(best.point, (process,), rest))
@@ -399,7 +399,7 @@ class _ForwardSelection:
         room = self.most - _size(tried.added)
         decided = tried.decided(room)
         if decided.added is not None and self._is_little(tried, decided.added):
-            reason = "the gain in BIC is little beside that of what changed already"
+            reason = "the gain in BIC is little against that of what changed already"
             return [replace(decided, added=None, hopeful=None, reason=reason)]
         if decided.hopeful is not None:
             assert decided.hopeful.fitted is not None
@@ -412,7 +412,7 @@ class _ForwardSelection:
         return [decided if decided.added is not None else tried.decided_by_sensor(room)]
 
     def _is_little(self, tried: SelectionRound, further: Candidate) -> bool:
-        """Whether a further change since a baseline explains little beside what others explain."""
+        """Whether a further change since a baseline explains little against what others explain."""
         fits = self.candidate_fits
         explained = fits.bic(tried.best.objective - self.nominal.objective, 0.0)
         return bool(tried.added and fits.augmented.held.names) and further.bic < FURTHER_CHANGE * explained

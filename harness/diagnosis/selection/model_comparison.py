@@ -6,7 +6,7 @@ redundant, or what was missing was taken for something else at first and for the
 from the likeliest model so far, until none is likelier.
 
 A round of the search saw a model that lacked what later ones added. Of two things that are missing it may take a third
-for both, and beside the other one something else is right in its place. So the score test asks of everything what it
+for both, and with the other one something else is right in its place. So the score test asks of everything what it
 would gain in the model without an addition, with all else in it, which is fitted.
 """
 
@@ -162,7 +162,7 @@ class Alternatives:
     def _second(self, h: Hypothesis) -> Hypothesis | None:
         """Return what came nearest to an addition in its round, where both were fitted.
 
-        A score promises little of a large effect, and less beside others that act alike.
+        A score promises little of a large effect, and less with others that act alike.
         """
         for r in self._rounds:
             if r.added is not None and h in r.added.hypothesis.single:
@@ -290,7 +290,7 @@ class Comparison:
     def __init__(self, fits: CandidateFits, rounds: Sequence[Round]) -> None:
         self.fits, self.rounds = fits, rounds
         self._prediction = Prediction(fits.augmented)
-        self._known: dict[int, _Predicted] = {}  # by the fit, which is kept beside
+        self._known: dict[int, _Predicted] = {}  # by the fit, which is kept with it
         self._odds = log_odds(fits.hypotheses)
         self._alike: dict[Hypothesis, Alike] = {}
         step, longest = fits.augmented.spec.step, min(len(d.time) for d in fits.held_out.drives)
@@ -303,7 +303,7 @@ class Comparison:
     def likeliest(self, models: Sequence[tuple[Added, FittedHypothesis]]) -> tuple[Added, FittedHypothesis]:
         """Return the likeliest of some models, weighed among themselves.
 
-        Beside all others both may have no probability that a number can hold.
+        Against all others both may have no probability that a number can hold.
         """
         models = self._in_doubt(models)
         weighed = self._weighed(models)
@@ -329,7 +329,7 @@ class Comparison:
         shares = probabilities(priors, densities)
         order = np.argsort(-shares, kind="stable")
         first = weighed.predicted[order[0]]
-        # What is unlisted acts beside it, or is what its many parameters stand for; then it predicts as well. Where a
+        # What is unlisted acts with it, or is what its many parameters stand for; then it predicts as well. Where a
         # discrepancy stands for it already, it is the model with that alone, and what may act as what was named.
         nothing = np.zeros(densities.shape[1])
         lacking = nothing if self.fits.disturbed else self._lacking(first)

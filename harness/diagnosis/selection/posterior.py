@@ -80,7 +80,7 @@ def log_stand_in(fitted: FittedHypothesis, added: Sequence[Hypothesis], informat
     Values that are only stated wrongly scatter as they are known to. Some of many that a fit moves may take up what no
     hypothesis holds, and those scatter ``PRIORS.implausible`` times as widely, the width at which a single one is not
     believed. Both are normal, and the likelihood too (Laplace's approximation about the fit), each value with all
-    others open. A single one that is added alone is free to be off by any factor; beside many it is one of them.
+    others open. A single one that is added alone is free to be off by any factor; with many it is one of them.
 
     Args:
         fitted: A fit.
@@ -221,7 +221,7 @@ class Posterior:
         return replace(self, models=models, none=self.none + sum(m.probability for m in gone))
 
     def with_unlisted(self, fitted: FittedHypothesis, gain: float) -> Posterior:
-        """Return the probabilities where something unlisted was found beside a model.
+        """Return the probabilities where something unlisted acts in addition to a model.
 
         Its odds are those of "none of these" there, times the factor by which it makes the held-out drives likelier.
 

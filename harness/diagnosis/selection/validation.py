@@ -103,7 +103,7 @@ def error_growth(held_out: HeldOut, before: Judgement, after: Judgement) -> Erro
     Both have the same floor, the noise of sensors and inputs: what the random processes of a model allow for is no
     excuse for a larger error. The noise of the mean squares is that of the blocks of 5 s, weighted by the Bayesian
     bootstrap (Rubin 1981). A process that is there strays in the errors of both models. Its product with the rest of
-    an error has a longer memory than a block, so beside a process a fifth of the excess is no growth yet.
+    an error has a longer memory than a block, so with a process a fifth of the excess is no growth yet.
 
     Args:
         held_out: The drives, with their floor.

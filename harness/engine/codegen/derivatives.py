@@ -94,7 +94,7 @@ def derive(
 
     Args:
         model: The model.
-        signals: States, inputs or ports to compute beside the derivatives.
+        signals: States, inputs or ports to compute in addition to the derivatives.
         parameters: Parameters with respect to which derivatives are wanted.
         jacobians: Whether any derivatives are wanted; without them all matrices are empty.
     """

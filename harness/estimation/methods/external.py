@@ -38,7 +38,7 @@ class Settings(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    python: str | None = Field(default=None, description="`module:Class`, the module beside the study or installed")
+    python: str | None = Field(default=None, description="`module:Class`, the module next to the study or installed")
     library: str | None = Field(default=None, description="shared library in C (`harness_estimator.h`)")
     fmu: str | None = Field(default=None, description="FMU of an observer, for co-simulation; with `filter` of a plant")
     onnx: str | None = Field(default=None, description="network")

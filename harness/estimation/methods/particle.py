@@ -115,7 +115,7 @@ def take(source, ancestors, n, x):
 
 
 def spread_noise(process_noise, cloud, redrawn, share, deviation):
-    """Write the standard deviation of what a particle is moved by beside the model: process noise and roughening.
+    """Write the standard deviation of what a particle is moved by besides the model: process noise and roughening.
 
     Roughening is a share of the range that each state has in the cloud, in redrawn lanes; zero asks for none. Both
     are normal and independent, so one number is drawn for the two.

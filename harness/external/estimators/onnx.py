@@ -55,7 +55,7 @@ class NetworkEstimator:
         if len(features) != 1 or len(features[0].shape) not in (2, 3) or features[0].type not in TYPES:
             said = ", ".join(f"{i.name} {i.shape} {i.type}" for i in features) or "none"
             raise UserError(
-                f"{self._name}: takes one input (1, features) or (1, window, features) of floats beside its states, "
+                f"{self._name}: takes one input (1, features) or (1, window, features) of floats and its states, "
                 f"this has {said}; name states in settings = {{ state = {{ in = 'out' }} }}"
             )
         self._given = [name for name in outputs if name not in self._state.values()]

@@ -87,7 +87,7 @@ def library_of(
     Args:
         name: Named in errors.
         estimator: The estimator.
-        bounds: Of a monitor beside it; none by default.
+        bounds: Of its monitor; none by default.
         parameters: That the study of the monitor believed.
 
     Raises:
@@ -173,7 +173,7 @@ def _state(memory: MemoryLayout, prefix: str, nx: int, rows: int) -> Parts:
         (
             memory.array(f"{prefix}mean", (nx, 1), "estimated state"),
             memory.array(f"{prefix}covariance", (nx, nx, 1), "of its error, row by row"),
-            memory.array(f"{prefix}memory", (rows, 1), "what the estimator carries beside"),
+            memory.array(f"{prefix}memory", (rows, 1), "what the estimator carries besides the estimate"),
         ),
         State._fields,
     )

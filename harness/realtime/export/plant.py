@@ -75,7 +75,7 @@ class PlantExport:
 
 
 def driven(study: StudySpec, believed: bool) -> ModelSpec:
-    """Return the model of a plant: that of a study, or what it believes without anything that is estimated beside.
+    """Return the model of a plant: that of a study, or what it believes without anything that is estimated with it.
 
     Its sensors are not degraded.
 

@@ -119,7 +119,7 @@ def export(
         recorded: Name of the drive of the recorded run, the first by default, and s of it, or the whole if it is
             shorter.
         say: Informed of what is going on.
-        monitor: File of its trust monitor, printed beside it.
+        monitor: File of its trust monitor, printed next to it.
 
     Raises:
         UserError: If there is no such estimator, drive or monitor, or it cannot be printed.

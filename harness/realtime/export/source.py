@@ -32,7 +32,7 @@ class Export:
         factors: By which noise and first variances differ from those of the study's belief, because it is tuned.
         study: Digest of the study.
         settings: Of the estimator, in words.
-        monitor: Beside it, if there is one.
+        monitor: Its monitor, if there is one.
     """
 
     name: str

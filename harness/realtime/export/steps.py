@@ -1,7 +1,7 @@
 """Single steps of the C of an estimator against those of its kernel in Python, from a Sobol sequence.
 
 A point of the sequence is a first state with its covariance, parameters and noise, and a few samples behind it: inputs,
-and measurements, of which some are missing. What an estimator carries beside mean and covariance follows from these.
+and measurements, of which some are missing. What an estimator carries besides mean and covariance follows.
 """
 
 from __future__ import annotations
@@ -269,7 +269,7 @@ def differences(c: Steps, python: Steps, spread: Floats) -> dict[str, Floats]:
     """Return how far the steps are apart ``(points, SAMPLES)``, infinite where one of the two alone is no number.
 
     A mean counts in standard deviations or its own size, whichever is more; a covariance in the product of the standard
-    deviations; the NIS and the likelihood in themselves, or 1. What is carried beside shows in the steps that follow.
+    deviations; the NIS and the likelihood in themselves, or 1. What else is carried shows in the steps that follow.
 
     Args:
         c: Steps of the C.

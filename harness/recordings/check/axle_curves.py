@@ -217,5 +217,5 @@ def _smooth(recording: xr.Dataset, values: Mapping[str, float], where: str) -> d
 
 
 def signals_of(recording: xr.Dataset) -> dict[str, Floats]:
-    """Return the signals of a recording by name, without the truths that a simulation wrote beside them."""
+    """Return the signals of a recording by name, without the truths that a simulation wrote next to them."""
     return {str(n): np.asarray(v.values) for n, v in recording.data_vars.items() if not str(n).startswith(TRUTH)}

@@ -168,10 +168,10 @@ def axle_figure(
 
 
 MAP = "mended.toml"
-"""File beside the report with the whole map as it should be."""
+"""File next to the report with the whole map as it should be."""
 
 RECORD, SIGNALS_FILE = "check.json", "signals.npz"
-"""Files beside the report with what was found, and the signals and both sides of every comparison over time."""
+"""Files next to the report with what was found, and the signals and both sides of every comparison over time."""
 
 
 def _overview(recording: xr.Dataset) -> str:

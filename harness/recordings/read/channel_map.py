@@ -91,7 +91,7 @@ class ChannelTable(StrictTable):
         description="where an unsigned speed is driven backwards: a column that is negative there, such as the gear, "
         'or "course", where the course over ground is against the heading',
     )
-    valid: StrictStr = Field(default="", description='column beside it, 0 where it is no value, or "Quality == 3"')
+    valid: StrictStr = Field(default="", description='another column, 0 where it is no value, or "Quality == 3"')
     convention: Literal["", "compass"] = Field(
         default="", description='"compass": a heading or course that counts clockwise from north'
     )
@@ -142,7 +142,7 @@ class MountingTable(StrictTable):
 
 
 class MapFile(StrictTable):
-    """The tables of a channel map beside its signals."""
+    """The tables of a channel map in addition to its signals."""
 
     title: StrictStr = ""
     source: StrictStr = ""

@@ -236,9 +236,7 @@ def _added(table: Table, clock: str, channels: ChannelMap, file: str) -> Floats:
     """Return what is added to a clock, in s."""
     column, seconds = channels.added[clock]
     if column not in table.columns:
-        raise UserError(
-            f"time.plus: '{column}' is no column beside '{clock}' of {file}{closest(column, list(table.columns))}"
-        )
+        raise UserError(f"time.plus: '{column}' is no column of {file}{closest(column, list(table.columns))}")
     return table.columns[column] * seconds
 
 
@@ -299,16 +297,16 @@ def _signed(values: Floats, kept: Mask, table: Table, channel: Channel, clock: C
     """Return the values of some rows, negative where a column marks that the vehicle drives backwards."""
     if channel.reverse in ("", COURSE):
         return values
-    gear = clock.in_rows(_beside(table, channel, "reverse", channel.reverse, file))
+    gear = clock.in_rows(_column_of(table, channel, "reverse", channel.reverse, file))
     latest = np.maximum.accumulate(np.where(np.isfinite(gear), np.arange(len(gear)), 0))
     return values * np.where(gear[latest] < 0, -1.0, 1.0)[kept]
 
 
-def _beside(table: Table, channel: Channel, key: str, column: str, file: str) -> Floats:
+def _column_of(table: Table, channel: Channel, key: str, column: str, file: str) -> Floats:
     """Return a column that a key of a channel names."""
     if column not in table.columns:
         raise UserError(
-            f"{channel.where}.{key}: '{column}' is no column beside '{channel.channel}' of {file}"
+            f"{channel.where}.{key}: '{column}' is no column of {file}"
             f"{closest(column, list(table.columns))}; name one that has its clock"
             + (f', which is negative in reverse, or write "{COURSE}"' if key == "reverse" else "")
         )
@@ -336,7 +334,7 @@ def _valid(table: Table, channel: Channel, clock: Clock, file: str) -> Mask:
     if not channel.valid:
         return np.ones(len(clock.rows), dtype=bool)
     column, comparison, number = validity(channel)
-    flag = clock.in_rows(_beside(table, channel, "valid", column, file))
+    flag = clock.in_rows(_column_of(table, channel, "valid", column, file))
     return np.asarray(np.isfinite(flag) & ((flag == number) == (comparison == "==")))
 
 

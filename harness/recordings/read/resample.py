@@ -27,13 +27,13 @@ _TURNS = 8
 _AT_ONCE = 1_000_000
 """Weights."""
 _AROUND = 4
-"""Samples beside a stretch that is joined, on which the ends of its curve depend."""
+"""Samples next to a stretch that is joined, on which the ends of its curve depend."""
 _ON_TIME = 1e-6
-"""Samples by which an instant may be beside one to be its own."""
+"""Samples by which an instant may be off one to be its own."""
 _AS_OFTEN = 1.05
 """Steps of a grid up to which samples come as often as its instants."""
 _BESIDE = 0.75
-"""Steps beside an instant at which a sample still counts as its own, with jitter; a dropped one is a step away."""
+"""Steps off an instant at which a sample still counts as its own, with jitter; a dropped one is a step away."""
 
 
 def segments(time: Floats, largest_gap: float) -> list[slice]:

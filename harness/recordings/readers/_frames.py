@@ -21,7 +21,7 @@ EXTENDED = 1 << 31
 _LISTED = 12
 """Identifiers that a sentence names, the most frequent first."""
 _BYTES = 40
-"""That a frame takes in memory beside its payload."""
+"""That a frame takes in memory in addition to its payload."""
 
 
 @dataclass(frozen=True)

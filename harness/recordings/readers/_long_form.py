@@ -79,7 +79,7 @@ def _by_rows(time: str, layout: Layout, rows: list[list[str]]) -> dict[str, str]
 
 
 def pivoted(path: str, form: LongForm, numbers: dict[str, Floats], texts: pd.DataFrame) -> Table:
-    """Return a column for each name, beside the time.
+    """Return a column for each name, in addition to the time.
 
     Args:
         path: The file, for errors.

@@ -1,4 +1,4 @@
-"""CarMaker ERG: records of numbers, and beside them the file ``.erg.info`` with names, types and units."""
+"""CarMaker ERG: records of numbers, and next to them the file ``.erg.info`` with names, types and units."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def read(path: str) -> list[Table]:
     info = f"{path}.info"
     if not os.path.isfile(info):
         raise UserError(
-            f"{path}: {os.path.basename(info)} is not beside it, which has names, types and units; copy both"
+            f"{path}: {os.path.basename(info)} is not next to it, which has names, types and units; copy both"
         )
     refuse_beyond(info, "the file", os.path.getsize(info), _LARGEST_INFO, "bytes")
     with open(info, encoding="utf-8", errors="replace") as file:

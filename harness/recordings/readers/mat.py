@@ -88,7 +88,7 @@ def _is_timed(rows: Any) -> bool:
 def read(path: str) -> list[Table]:
     """Return the numeric vectors of a MATLAB file, those inside structures as ``structure.field``.
 
-    Recordings hold scalars, parameters and texts beside their signals, and sometimes signals of several rates. The
+    Recordings hold scalars, parameters and texts besides their signals, and sometimes signals of several rates. The
     vectors are grouped by their length; scalars, texts and matrices that hold no time are left out.
 
     Raises:

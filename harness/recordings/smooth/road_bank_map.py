@@ -33,7 +33,7 @@ BANK = "bank_angle"
 """The signal that a map makes."""
 
 NEEDED = ("position_x", "position_y", "heading", "longitudinal_velocity", "lateral_velocity", "yaw_rate")
-"""Signals a map is made of, beside the lateral acceleration; the first three find a place on it."""
+"""Signals a map is made of, in addition to the lateral acceleration; the first three find a place on it."""
 
 PLACE = 2.0
 """m of path that share one value."""
@@ -45,7 +45,7 @@ _SLOWEST = 3.0
 """m/s; below it, seconds of sensor noise count as one place."""
 
 _BESIDE = 6.0
-"""m beside the mapped path that still count as on it: a lane and a half."""
+"""m next to the mapped path that still count as on it: a lane and a half."""
 
 _PER_RADIAN = 10.0
 """m; weight of a radian of heading in the distance to a place, so that crossings are separated."""

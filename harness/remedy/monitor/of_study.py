@@ -1,4 +1,4 @@
-"""Trust monitors that a study asks for, counted after its run and written beside its scores."""
+"""Trust monitors that a study asks for, counted after its run and written next to its scores."""
 
 from __future__ import annotations
 

@@ -118,7 +118,7 @@ def per_second(unit: str) -> str:
 
 def _made(counted: Counted, command: str) -> list[Block]:
     text = (
-        f"{command}. {MONITOR} is the monitor: harness export --monitor prints it beside the estimator. An error shows "
+        f"{command}. {MONITOR} is the monitor: harness export --monitor prints it with the estimator. An error shows "
         f"where the area under its curve is {number(BLIND, 2)} or more."
     )
     return [Prose(plain(text)), Listing(counted.study.text.rstrip("\n"), "toml")]

@@ -90,7 +90,7 @@ def headline(analysis: Analysis) -> str:
 
 
 def write_report(analysis: Analysis, opening: Sequence[Block] = ()) -> list[Path]:
-    """Write the report of a study beside its scores.
+    """Write the report of a study next to its scores.
 
     Args:
         analysis: Of the study.

@@ -1,4 +1,4 @@
-"""How much of each estimator's error comes from the noise of its inputs: the same runs with exact ones beside them."""
+"""How much of each estimator's error comes from the noise of its inputs: the same runs with exact ones next to them."""
 
 from __future__ import annotations
 

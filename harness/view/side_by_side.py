@@ -37,7 +37,7 @@ class Slot:
 
 
 @dataclass(frozen=True)
-class Beside:
+class SideBySide:
     """Studies and what they share.
 
     Attributes:
@@ -102,7 +102,7 @@ class Beside:
         return ""
 
 
-def beside(folders: Sequence[Path], analyses: Sequence[Analysis]) -> Beside:
+def side_by_side(folders: Sequence[Path], analyses: Sequence[Analysis]) -> SideBySide:
     """Return studies with what they share.
 
     Raises:
@@ -125,7 +125,7 @@ def beside(folders: Sequence[Path], analyses: Sequence[Analysis]) -> Beside:
             targets = both
     designs = dict.fromkeys(d.name for a in analyses for d in a.store.designs)
     estimators = dict.fromkeys(e for a in analyses for d in a.store.designs for e in d.estimators)
-    return Beside(tuple(names), tuple(analyses), tuple(designs), tuple(targets), tuple(estimators))
+    return SideBySide(tuple(names), tuple(analyses), tuple(designs), tuple(targets), tuple(estimators))
 
 
 def arranged(slots: Sequence[Slot], levels: Sequence[tuple[str, str]], by_level: bool) -> list[int]:
