@@ -96,7 +96,7 @@ class NextDrive(Shown):
     @property
     def open(self) -> tuple[str, ...]:
         """What stays open, in sentences."""
-        return self._designed.goal.expectation(self._designed.plan.evidence).open
+        return self._designed.expectation.open
 
     @property
     def drives(self) -> dict[str, tuple[dict[str, Any], int]]:
@@ -110,7 +110,7 @@ class NextDrive(Shown):
     @property
     def expected(self) -> dict[str, Any]:
         """What is expected behind the drives, as ``expected`` of ``next_drive.json``."""
-        return dict(self._designed.goal.expectation(self._designed.plan.evidence).record)
+        return dict(self._designed.expectation.record)
 
     @property
     def ranked(self) -> pd.DataFrame:

@@ -102,12 +102,19 @@ def next_drive(task: NextDriveOptions) -> None:
             said = f"interrupted: the drives that were tried are kept in {kept}; the same command goes on from there"
             console.print(Text(said), soft_wrap=True)
         raise
-    expectation = designed.goal.expectation(designed.plan.evidence)
-    ranked = [f"{t.manoeuvre.name}, {round(t.seconds, 1):g} s: {designed.alone(t).words}" for t in designed.plan.ranked]
+    ranked = [
+        f"{t.manoeuvre.name}, {round(t.seconds, 1):g} s: {expected.words}"
+        for t, expected in zip(designed.plan.ranked, designed.alone, strict=True)
+    ]
     refused = [
         f"{name}: no drive keeps to the limits and the budget ({why})" for name, why in designed.plan.refused.items()
     ]
-    lines = [f"limits: {limits_words(designed)}", *(f"open: {text}" for text in expectation.open), *ranked, *refused]
+    lines = [
+        f"limits: {limits_words(designed)}",
+        *(f"open: {text}" for text in designed.expectation.open),
+        *ranked,
+        *refused,
+    ]
     printed(answer(designed), [*lines, *written])
     if then := once_driven(designed, out):
         Console().print(Text(f"once driven: {then}", style="bold"), soft_wrap=True)

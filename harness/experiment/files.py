@@ -72,7 +72,7 @@ def record(designed: Designed) -> dict[str, Any]:
         "limits": stated(task.limits),
         "value": {"before": _number(goal.value(None)), "after": _number(plan.value)},
         "seconds": plan.seconds,
-        "expected": _expected(goal.expectation(plan.evidence)),
+        "expected": _expected(designed.expectation),
         "sequence": [
             {**_tried(t), "name": name, "times": times}
             for name, (t, times) in zip(names_of(designed), plan.sequence, strict=True)
@@ -82,9 +82,9 @@ def record(designed: Designed) -> dict[str, Any]:
                 **_tried(t),
                 "times": t.times,
                 "value": _number(t.value),
-                "expected": _expected(designed.alone(t)),
+                "expected": _expected(expected),
             }
-            for t in plan.ranked
+            for t, expected in zip(plan.ranked, designed.alone, strict=True)
         ],
         "refused": plan.refused,
         "tried": plan.tried,
@@ -151,7 +151,7 @@ def once_driven(designed: Designed, folder: Path) -> str:
     no recordings to go on from.
     """
     after = designed.task.folder if folder == designed.task.folder / FOLDER else folder
-    expected = designed.goal.expectation(designed.plan.evidence).record
+    expected = designed.expectation.record
     driven = sum(times for _, times in designed.plan.sequence)
     if "models" in expected or "limits" in expected:
         if read_json(designed.task.folder / TRACE).get("baseline"):

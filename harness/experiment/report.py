@@ -26,14 +26,14 @@ from harness.reporting.style import number, with_unit
 
 def answer(designed: Designed) -> str:
     """Return the drives in a sentence, and what is expected behind them."""
-    plan, goal = designed.plan, designed.goal
+    plan = designed.plan
     sequence = [t for t, _ in plan.sequence]
     drives = listed([
         f"{t.manoeuvre.name}{f' {times} times' if times > 1 else ''} "
         f"({', '.join([f'{round(t.rehearsed.seconds, 1):g} s', *_apart(t, sequence)])})"
         for t, times in plan.sequence
     ])  # fmt: skip
-    expected, now = (goal.expectation(evidence).words for evidence in (plan.evidence, None))
+    expected, now = designed.expectation.words, designed.unchanged.words
     more = ", which is no more than is expected without them" if expected == now else ""
     return f"Drive {drives}, {round(plan.seconds, 1):g} s in all; expected: {expected}{more}."
 
@@ -76,7 +76,7 @@ def write_design(designed: Designed, folder: Path, command: str) -> list[Path]:
 
 def report(designed: Designed, folder: Path, command: str) -> Report:
     """Return the report: the first sections are the page for the driver."""
-    expectation = designed.goal.expectation(designed.plan.evidence)
+    expectation = designed.expectation
     sections: list[Block] = [
         Section(partial(_answer, designed, expectation, folder), "Answer"),
         Section(partial(_for_driver, designed), "For the driver"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from harness.config.posterior import FILES as FITS
 from harness.diagnosis.earlier_trace import TRACE
 from harness.experiment.compound import TraceGoal
 from harness.experiment.contract import ExpectedOutcome, Goal, total
-from harness.experiment.design import DrivePlan, TriedDrive, design
+from harness.experiment.design import DrivePlan, design
 from harness.experiment.detection import DetectionGoal
 from harness.experiment.information import Criterion, EstimationGoal, read_fit
 from harness.experiment.kept_drives import KeptDrives, basis
@@ -96,11 +97,26 @@ class Designed:
     plan: DrivePlan
     equipped: tuple[Equipped, ...] = ()
 
-    def alone(self, tried: TriedDrive) -> ExpectedOutcome:
-        """Return what is expected behind one drive, repeated as often as the budget allows."""
-        return self.goal.expectation(total([(tried.evidence, tried.times)]))
+    @cached_property
+    def unchanged(self) -> ExpectedOutcome:
+        """What is expected without any further drive."""
+        with threadpool_limits(1):
+            return self.goal.expectation(None)
+
+    @cached_property
+    def expectation(self) -> ExpectedOutcome:
+        """What is expected behind the planned drives."""
+        with threadpool_limits(1):
+            return self.goal.expectation(self.plan.evidence)
+
+    @cached_property
+    def alone(self) -> tuple[ExpectedOutcome, ...]:
+        """What is expected behind each of the ranked drives by itself, repeated as often as the budget allows."""
+        with threadpool_limits(1):
+            return tuple(self.goal.expectation(total([(t.evidence, t.times)])) for t in self.plan.ranked)
 
 
+@threadpool_limits.wrap(limits=1)  # threads of the linear algebra would wait for those of the drives
 def design_drives(task: DesignTask, say: Callable[[str], None] = lambda _: None) -> Designed:
     """Return the drives that tell most of what a result left open.
 
@@ -127,8 +143,7 @@ def design_drives(task: DesignTask, say: Callable[[str], None] = lambda _: None)
     jobs = task.jobs or os.cpu_count() or 1
     room = SearchRange.of(spec, task.limits, shortest, goal.lead_in, task.seed)
     kept = _kept(task, goal, manoeuvres)
-    with threadpool_limits(1):  # threads of the linear algebra would wait for those of the drives
-        plan = design(goal, rehearsal, room, manoeuvres, task.budget, task.effort, jobs, task.seed, say, kept)
+    plan = design(goal, rehearsal, room, manoeuvres, task.budget, task.effort, jobs, task.seed, say, kept)
     if not plan.sequence:
         raise UserError(_no_plan(plan, task))
     return Designed(task, spec, goal, plan, _equipped(task, goal, plan, say) if task.sensors else ())

@@ -87,9 +87,8 @@ def test_how_a_trace_goes_on_from_the_drives_is_said(record, baseline, line, tmp
     monkeypatch.chdir(tmp_path)
     Path("results/truck").mkdir(parents=True)
     Path("results/truck/trace.json").write_text(json.dumps({"baseline": baseline}), encoding="utf-8")
-    goal = SimpleNamespace(expectation=lambda _: SimpleNamespace(record=record))
-    task, plan = SimpleNamespace(folder=Path("results/truck")), SimpleNamespace(evidence=None, sequence=[(None, 2)])
-    designed = SimpleNamespace(goal=goal, task=task, plan=plan)
+    task, plan = SimpleNamespace(folder=Path("results/truck")), SimpleNamespace(sequence=[(None, 2)])
+    designed = SimpleNamespace(expectation=SimpleNamespace(record=record), task=task, plan=plan)
     assert once_driven(designed, Path("results/truck/next-drive")) == line
     assert once_driven(designed, Path("weave")) == line.replace("results/truck", "weave")
     plan.sequence = [(None, 2), (None, 4)]
