@@ -24,7 +24,7 @@ _MEANING = {
 }
 
 _MEANING_SINCE = {
-    "adequate": "adequate: nothing has changed that these drives can show",
+    "adequate": "adequate: these drives show no change by as much as is asked for a name",
     "amended": "amended: what has changed has a name, and is confirmed by the held-out drives",
     "unresolved": "unresolved: something has changed that no hypothesis of the library explains",
 }

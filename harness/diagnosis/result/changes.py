@@ -94,9 +94,7 @@ def _answer(outcome: Outcome, baseline: Baseline, changes: tuple[Change, ...], v
         return f"The search broke off before everything was tried, so it is not known what changed since {name}."
     if not outcome.trace.added:
         if verdict == "adequate":
-            rivals = _rivals(outcome)
-            open_ = f" They do not exclude {listed(rivals)}." if rivals else ""
-            return f"Nothing has changed since {name} that these drives can show.{open_}"
+            return _nothing_named(outcome, name)
         return f"Something has changed since {name} that no hypothesis of the library explains."
     order = dict.fromkeys([*(c.hypothesis for c in changes), *outcome.trace.added])
     phrases = [_phrase(h, [c for c in changes if c.hypothesis == h], outcome) for h in order]
@@ -106,6 +104,19 @@ def _answer(outcome: Outcome, baseline: Baseline, changes: tuple[Change, ...], v
             f"{'; '.join(phrases)}, which ends at a bound of what is possible and so stands for something else."
         )
     return f"Since {name}: {'; '.join(phrases)}.{_instead(outcome)}"
+
+
+def _nothing_named(outcome: Outcome, name: str) -> str:
+    """Return the answer where no change is named: the drives do not show one, or not by as much as is asked."""
+    rivals, posterior = _rivals(outcome), outcome.posterior
+    if posterior is None or not rivals or any(not m.added for m in posterior.confusable()):
+        open_ = f" They do not exclude {listed(rivals)}." if rivals else ""
+        return f"Nothing has changed since {name} that these drives can show.{open_}"
+    some = sum(m.probability for m in posterior.models if m.added)
+    return (
+        f"Since {name} {' or '.join(rivals)} may have changed ({in_words(some)}), but that is not shown by as much as "
+        f"is asked for a name: {outcome.trace.rounds[-1].reason}."
+    )
 
 
 def _phrase(h: Hypothesis, changes: list[Change], outcome: Outcome) -> str:
