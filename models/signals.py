@@ -148,7 +148,7 @@ def _body_motion(body: str, owner: str) -> list[Signal]:
         ),
         Signal(f"body_leaning_rate{body}", r"\dot a_R", "m/s^3", "m/s^3", owner, f"rate of the same, {owner}"),
         Signal(f"body_leaning_acceleration{body}", r"\ddot a_R", "m/s^4", "m/s^4", owner, f"rate of that, {owner}"),
-        Signal(f"coupling_sway{body}", r"\dot y_K", "m/s", "m/s", owner, f"coupling under the CoG of the {owner}"),
+        Signal(f"coupling_sway{body}", r"\dot y_K", "m/s", "m/s", owner, f"coupling against the CoG, by roll, {owner}"),
         Signal(f"coupling_sway_rate{body}", r"\ddot y_K", "m/s^2", "m/s^2", owner, f"rate of the same, {owner}"),
         Signal(f"brake_speed{body}", "v_B", "m/s", "m/s", owner, f"speed behind the lag of the {owner}'s brake pull"),
         Signal(f"pitch_speed{body}", "v_p", "m/s", "m/s", owner, f"speed that the pitch of the {owner} has settled to"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -110,7 +111,7 @@ class NextDrive(Shown):
     @property
     def expected(self) -> dict[str, Any]:
         """What is expected behind the drives, as ``expected`` of ``next_drive.json``."""
-        return dict(self._designed.expectation.record)
+        return deepcopy(dict(self._designed.expectation.record))
 
     @property
     def ranked(self) -> pd.DataFrame:

@@ -71,8 +71,8 @@ def guarded(run: Callable[[], None], output: Path | None = None) -> int:
 
     Args:
         run: The command.
-        output: File or folder that it writes; the traceback of a fault is kept next to it, the working directory if
-            absent.
+        output: File or folder that it writes; the traceback of a fault is kept next to it, or in the working
+            directory if absent.
 
     Raises:
         BaseException: What ends a process by itself, such as ``SystemExit``, and a pipe that nobody reads any more.

@@ -39,7 +39,7 @@ ChannelsOption = Annotated[
 ]
 FileArgument = Annotated[
     Path | None,
-    typer.Argument(help="File of measured drives with the model and all that is asked; else only --out and --jobs."),
+    typer.Argument(help="File of measured drives with the model and all that is asked; with it only --out and --jobs."),
 ]
 TrainOption = Annotated[list[Path], typer.Option("--train", "-d", help=f"Recording to fit, or {RECORDING}")]
 TestOption = Annotated[list[Path], typer.Option("--test", "-t", help=f"Held-out recording, or {RECORDING}")]

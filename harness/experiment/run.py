@@ -116,7 +116,6 @@ class Designed:
             return tuple(self.goal.expectation(total([(t.evidence, t.times)])) for t in self.plan.ranked)
 
 
-@threadpool_limits.wrap(limits=1)  # threads of the linear algebra would wait for those of the drives
 def design_drives(task: DesignTask, say: Callable[[str], None] = lambda _: None) -> Designed:
     """Return the drives that tell most of what a result left open.
 
@@ -127,6 +126,11 @@ def design_drives(task: DesignTask, say: Callable[[str], None] = lambda _: None)
     Raises:
         UserError: If the folder holds no result that can be gone on from, or no drive keeps to the limits.
     """
+    with threadpool_limits(1):  # threads of the linear algebra would wait for those of the drives
+        return _designed(task, say)
+
+
+def _designed(task: DesignTask, say: Callable[[str], None]) -> Designed:
     manoeuvres = chosen(task.manoeuvres)
     if not task.budget > 0:
         raise UserError(f"budget: {task.budget:g} s leaves nothing to drive")

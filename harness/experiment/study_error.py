@@ -53,7 +53,7 @@ _STEP = 0.01
 """Difference of a factor, in standard deviations, over which the parameters that follow from it are derived."""
 
 _VERSIONS = 7
-"""Vehicles of the design that every drive is rehearsed with, and its mean one."""
+"""Vehicles of the design that every drive is rehearsed with, in addition to its mean one."""
 
 _AS_KNOWN = 0.01
 """Excess of the error over that of known parameters at which nothing is left to be driven for."""

@@ -77,8 +77,8 @@ def verify(folder: Path, find: Callable[[], StudySpec], sample: int = 3, seed: i
         seed: Of the draw; another one each time by default.
 
     Raises:
-        UserError: If there is no store, it has no checksums, a file of it is damaged, or ``find`` does not give the
-            study that it is of.
+        UserError: If there is no store, it has no checksums, a file next to it is damaged, or ``find`` does not
+            give the study that it is of.
     """
     with reached(folder):
         return _verify(folder, find, sample, seed)

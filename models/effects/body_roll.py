@@ -8,7 +8,8 @@ coupling, which is at its roll axis as the axles are; on the towing vehicle the 
 Products of roll angle and yaw rate, inclined roll axes and roll moments of the coupling are left out.
 ``lateral_load_transfer`` and ``roll_steer`` of the body's axles follow its roll.
 
-Equation: $\alpha \to \alpha - k_S\dot a_R/v_x,$ $v_K \to v_K + k_S\dot a_R,$
+Equation, with the lateral velocity $v_K$ of the coupling: $\alpha \to \alpha - k_S\dot a_R/v_x,$
+$v_K \to v_K + k_S\dot a_R,$
 $y \to a_y\cos\varphi+g\sin\varphi,$ $\varphi=k_R a_R,$
 $\ddot a_R=\omega_R^2(a_y-a_R)-2\zeta_R\omega_R\dot a_R$.
 

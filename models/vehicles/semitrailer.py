@@ -209,10 +209,10 @@ def equations(v: Builder) -> None:
     theta = v.state("articulation_angle")
     v_x2 = v.port("speed_over_ground", v.input("speed"))
     sin, cos = sp.sin(theta), sp.cos(theta)
-    # Lateral velocity of the kingpin in trailer axes; the CoG of a trailer that rolls sways over it.
-    v_k2 = v_y2 + a_2 * w_2 + v.port("coupling_sway_trailer", 0)
     v.body("tractor", Body(symbol("speed_tractor"), v_y1, w_1, m_1, a_1 + b_1))
     v.body("trailer", Body(v_x2, v_y2, w_2, m_2, a_2 + b_2["22"]))
+    # Lateral velocity of the kingpin in trailer axes; the CoG of a trailer that rolls sways over it.
+    v_k2 = v_y2 + a_2 * w_2 + v.port("coupling_sway_trailer", 0)
     v_x1 = v.port("speed_tractor", cos * v_x2 - sin * v_k2)  # (4.18)
     delta = v.port("road_wheel_angle", v.input("steering_wheel_angle") / v.p("steering_ratio"))
 

@@ -111,24 +111,33 @@ def test_rivals_of_a_change_are_named_in_words():
     assert said.endswith("from many parameters at once and axle compliance steer of rear.")
 
 
-def test_that_nothing_changed_is_not_said_where_it_is_improbable():
+@pytest.mark.parametrize("conditional", [False, True])
+def test_that_nothing_changed_is_not_said_where_it_is_improbable(conditional):
     h, days = Hypothesis("wheel_radius_error", "effect", ()), SimpleNamespace(names=("monday", "tuesday"))
-    reason = "the gain in BIC is 32, less than 50"
-    trace = SimpleNamespace(added=(), cut_short="", rounds=[SimpleNamespace(reason=reason)])
-    changed = SimpleNamespace(added=[SimpleNamespace(hypotheses=[h])], probability=0.9)
+    trace = SimpleNamespace(added=(), cut_short="")
+    p, factor = (0.18, 5.0) if conditional else (0.9, 1.0)
+    changed = SimpleNamespace(added=[SimpleNamespace(hypotheses=[h])], probability=p)
     same = SimpleNamespace(added=[], probability=0.01)
+    claims = SimpleNamespace(given_right=factor, conditional=conditional)
 
-    def said(*confusable):
+    def said(*confusable, verdict="adequate"):
         posterior = SimpleNamespace(models=[changed, same], confusable=lambda: confusable)
-        return _answer(SimpleNamespace(posterior=posterior, trace=trace), days, (), "adequate")
+        return _answer(SimpleNamespace(posterior=posterior, trace=trace, claims=claims), days, (), verdict)
 
     nothing = "Nothing has changed since the baseline (monday and tuesday) that these drives can show."
+    sure = "9 in 10, if one of these explanations is right" if conditional else "9 in 10"
     assert said(same) == nothing
     assert said(same, changed) == f"{nothing} They do not exclude wheel radius error."
     assert said(changed) == (
-        "Since the baseline (monday and tuesday) wheel radius error may have changed (9 in 10), but that is not shown "
-        f"by as much as is asked for a name: {reason}."
+        f"Since the baseline (monday and tuesday) wheel radius error ({sure}) may have changed, but less plainly than is "
+        "asked for a name."
     )
+    unnamed = (
+        "Something has changed since the baseline (monday and tuesday) that no hypothesis of the library explains."
+    )
+    assert said(same, changed, verdict="unresolved") == unnamed
+    nearest = f"{unnamed} Nearest comes wheel radius error ({sure}), less plainly than is asked for a name."
+    assert said(changed, verdict="unresolved") == nearest
 
 
 def test_a_change_at_a_bound_of_what_is_possible_is_no_answer():

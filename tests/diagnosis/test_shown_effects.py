@@ -53,7 +53,7 @@ def test_what_was_not_seen_would_now_be_shown_from_the_limit_of_the_last_round_o
     doubt = "steering lag was not seen, though there with probability 0.300, and would be shown from 0.0220 s"
     assert f"{doubt} (expected 0.0200, before 0.200) on" in neither.words
     assert "roll steer front was not seen and would be" in neither.words
-    assert "is so with" not in neither.words  # the model of the plan had the shift of the payload too
+    assert "in addition to" not in neither.words  # the model of the plan had the shift of the payload too
     record = json.loads(json.dumps(neither.record))
     assert record["amplitudes"][1]["limit"]["before"] is None
     assert record["amplitudes"][1]["value"] is None
@@ -67,11 +67,11 @@ def test_what_was_seen_has_its_size_with_an_interval_and_is_what_the_others_are_
     assert roll.limit.ratio == pytest.approx(50.0)
     assert one.verdict == "larger"  # of what was not seen
     assert "steering lag was seen with probability 0.990: 0.100 s, 95 % interval 0.0804 to 0.120 (to be" in one.words
-    assert "not seen is so with steering lag, which the model of the plan had not" in one.words
+    assert "not seen was sought in addition to steering lag, which the model of the plan had not" in one.words
     assert shown(found).verdict == "as expected"
     roll = {Hypothesis("roll_steer@front", "effect", ("roll_steer_front",)): (Value("roll_steer_front", "", 0.1, 0.1),)}
     both = shown(found | roll, rounds=ROUNDS[:1])
-    assert (both.verdict, "is so with" in both.words) == ("as expected", False)
+    assert (both.verdict, "in addition to" in both.words) == ("as expected", False)
 
 
 def test_other_drives_than_planned_are_not_compared_but_what_they_showed_is_said():

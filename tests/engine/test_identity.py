@@ -14,7 +14,7 @@ from harness.models.assembly.assemble import assemble
 from harness.models.assembly.expressions import larger, smaller
 from harness.testing.small_models import linear
 
-INFORMATIVE = """
+SCRIPT = """
 import hashlib
 from harness.engine.codegen.identity import identity
 from harness.models.assembly.assemble import assemble
@@ -27,7 +27,7 @@ def test_every_process_has_the_same_text():
     """Sets and dictionaries of SymPy are in another order where strings have other hashes."""
     found = {
         subprocess.run(
-            [sys.executable, "-c", INFORMATIVE],
+            [sys.executable, "-c", SCRIPT],
             capture_output=True,
             text=True,
             check=True,

@@ -143,6 +143,18 @@ def test_a_trailer_that_rolls_is_tied_at_its_roll_axis():
     assert {name: moves[name] for name in wanted} == pytest.approx(wanted, rel=1e-9)
 
 
+def test_a_tie_with_a_trailer_that_rolls_and_is_turned_stays_or_is_restored():
+    model = built("semitrailer", ("body_roll",))
+    shapes = {f"body_roll_{name}_{body}": 3.0 for name in ("frequency", "damping") for body in ("tractor", "trailer")}
+    numbers = values(model, "semitrailer", **shapes, body_roll_sway_trailer=0.02, constraint_rate=7.0)
+    at = dict(zip(model.states, np.random.default_rng(5).uniform(-1, 1, len(model.states)), strict=True))
+    x, u = point(model, **at | {"articulation_angle": 0.4}, speed=SPEED)
+    violation = evaluator(model, numbers, ("constraint_violation",))
+    step = 1e-5 * evaluator(model, numbers)(x, u)
+    change = (violation(x + step, u) - violation(x - step, u)) / 2e-5
+    assert change == pytest.approx(-7.0 * violation(x, u), rel=1e-6)
+
+
 def test_a_car_that_rolls_already_is_refused():
     with pytest.raises(ModelError, match="rolls already"):
         built("car_two_track", ("body_roll",))

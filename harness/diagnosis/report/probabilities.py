@@ -81,7 +81,7 @@ def likely(outcome: Outcome) -> list[str]:
 def _explained(trace: Trace, m: ComparedModel, first: ComparedModel) -> str:
     """Return what a model has, with sizes; how it differs from the likeliest one, where that is less to say."""
     if not m.added:
-        return "nothing is missing"
+        return "nothing has changed" if trace.fitting.augmented.held.names else "nothing is missing"
     moved = m.fitted.coordinates
     errors = dict(zip((c.name for c in moved), trace.fitting.standard_errors(m.fitted), strict=True))
 

@@ -46,10 +46,8 @@ def where(outcome: Outcome) -> list[Block]:
     place = entry(first.disturbance_input)
     sentence = strong(f"A disturbance of the {place} would explain most, {size}")
     if outcome.verdict == "adequate":
-        nothing = "Nothing is missing that these drives can show."
-        sentence = plain(
-            f"{nothing} A disturbance would absorb something all the same, one of the {place} most, {size}"
-        )
+        nothing = "" if outcome.baseline else "Nothing is missing that these drives can show. "
+        sentence = plain(f"{nothing}A disturbance would absorb something all the same, one of the {place} most, {size}")
     caveat = (
         "An unknown Gauss-Markov disturbance is put into each equation, each published force, moment or angle and each "
         "sensor in turn. The ranking is a hint: inputs of similar effect share the gain, and a disturbance absorbs "

@@ -24,7 +24,7 @@ _MEANING = {
 }
 
 _MEANING_SINCE = {
-    "adequate": "adequate: these drives show no change by as much as is asked for a name",
+    "adequate": "adequate: these drives show no change plainly enough to be named",
     "amended": "amended: what has changed has a name, and is confirmed by the held-out drives",
     "unresolved": "unresolved: something has changed that no hypothesis of the library explains",
 }

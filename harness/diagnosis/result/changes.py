@@ -95,7 +95,8 @@ def _answer(outcome: Outcome, baseline: Baseline, changes: tuple[Change, ...], v
     if not outcome.trace.added:
         if verdict == "adequate":
             return _nothing_named(outcome, name)
-        return f"Something has changed since {name} that no hypothesis of the library explains."
+        near = f" Nearest comes {near}, less plainly than is asked for a name." if (near := _nearest(outcome)) else ""
+        return f"Something has changed since {name} that no hypothesis of the library explains.{near}"
     order = dict.fromkeys([*(c.hypothesis for c in changes), *outcome.trace.added])
     phrases = [_phrase(h, [c for c in changes if c.hypothesis == h], outcome) for h in order]
     if verdict == "unresolved":
@@ -107,16 +108,22 @@ def _answer(outcome: Outcome, baseline: Baseline, changes: tuple[Change, ...], v
 
 
 def _nothing_named(outcome: Outcome, name: str) -> str:
-    """Return the answer where no change is named: the drives do not show one, or not by as much as is asked."""
-    rivals, posterior = _rivals(outcome), outcome.posterior
-    if posterior is None or not rivals or any(not m.added for m in posterior.confusable()):
+    """Return the answer where no change is named: the drives do not show one, or not as plainly as is asked."""
+    rivals, near = _rivals(outcome), _nearest(outcome)
+    if not near:
         open_ = f" They do not exclude {listed(rivals)}." if rivals else ""
         return f"Nothing has changed since {name} that these drives can show.{open_}"
-    some = sum(m.probability for m in posterior.models if m.added)
-    return (
-        f"Since {name} {' or '.join(rivals)} may have changed ({in_words(some)}), but that is not shown by as much as "
-        f"is asked for a name: {outcome.trace.rounds[-1].reason}."
-    )
+    return f"Since {name} {near} may have changed, but less plainly than is asked for a name."
+
+
+def _nearest(outcome: Outcome) -> str:
+    """Return what may have changed with its probability, where that nothing did is outside the 90 % set; else empty."""
+    posterior, claims, rivals = outcome.posterior, outcome.claims, _rivals(outcome)
+    if posterior is None or not rivals or any(not m.added for m in posterior.confusable()):
+        return ""
+    some = claims.given_right * sum(m.probability for m in posterior.models if m.added)
+    condition = ", if one of these explanations is right" if claims.conditional else ""
+    return f"{' or '.join(rivals)} ({in_words(some)}{condition})"
 
 
 def _phrase(h: Hypothesis, changes: list[Change], outcome: Outcome) -> str:

@@ -92,7 +92,8 @@ class EffectsShown:
         said = f"{head}: {listed([a.words for a in self.amplitudes])}."
         if not self.beside or all(a.seen for a in self.amplitudes):
             return said
-        return f"{said} What was not seen is so with {listed(self.beside)}, which the model of the plan had not."
+        more = listed(self.beside)
+        return f"{said} What was not seen was sought in addition to {more}, which the model of the plan had not."
 
     @property
     def record(self) -> dict[str, Any]:

@@ -350,7 +350,7 @@ class _ForwardSelection:
         """Return a model without one of its random processes, unless nothing else seems to be missing.
 
         It takes up whatever is slow. In the place of what is missing it leaves what that does quickly, so innovations
-        stay coloured, or where values are implausible.
+        stay coloured, or values are implausible.
         """
         fits, rest = self.candidate_fits, tuple(h for h in added if h != process)
         less = fits.fit(rest, fits.without(best.point, (process,), rest))

@@ -118,7 +118,7 @@ def take_away(L, v, n):
 
 
 def room(sources, belief):
-    """Return an array for as many sources as process noise, errors of the inputs and noise of the sensors."""
+    """Return an array for so many sources and process noise, errors of the inputs, noise of the sensors."""
     count = sources + NX + NY
     if INPUT_ERRORS:
         count = count + belief.input_errors.shape[1]

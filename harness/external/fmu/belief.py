@@ -31,7 +31,7 @@ SETTINGS = {
     "process_noise", "first_variance", "measurement_noise", "parameters", "integrator", "substeps", "alpha", "beta",
     "kappa", "members", "inflation",
 }  # fmt: skip
-"""Settings but ``filter``: variances per sample by state variable in the FMU's units, the same of the first state,
+"""Settings besides ``filter``: variances per sample by state variable in the FMU's units, the same of the first state,
 variances by signal in SI, values of parameters in the FMU's units; the others as those of the two estimators."""
 
 MEASUREMENT_NOISE = "measurement_noise."

@@ -72,7 +72,7 @@ def filled(table: readers.Table) -> readers.Table:
 def clocks_of(table: readers.Table) -> list[ClockColumn]:
     """Return the clock of a table; where its vectors are those of several structures, that of each which has one.
 
-    Clocks of one recording run at the same time; a time of day that runs otherwise is none.
+    Clocks of one recording run at the same time; one of another time, such as a time of day, is none.
     """
     native = None if table.clock not in table.columns else _clock(table, [str(table.clock)])
     if native is not None:

@@ -236,7 +236,10 @@ def _added(table: Table, clock: str, channels: ChannelMap, file: str) -> Floats:
     """Return what is added to a clock, in s."""
     column, seconds = channels.added[clock]
     if column not in table.columns:
-        raise UserError(f"time.plus: '{column}' is no column of {file}{closest(column, list(table.columns))}")
+        raise UserError(
+            f"time.plus: '{column}' is no column of {file} with the clock '{clock}'"
+            f"{closest(column, list(table.columns))}"
+        )
     return table.columns[column] * seconds
 
 
@@ -306,8 +309,8 @@ def _column_of(table: Table, channel: Channel, key: str, column: str, file: str)
     """Return a column that a key of a channel names."""
     if column not in table.columns:
         raise UserError(
-            f"{channel.where}.{key}: '{column}' is no column of {file}"
-            f"{closest(column, list(table.columns))}; name one that has its clock"
+            f"{channel.where}.{key}: '{column}' is no column of {file} with the clock of '{channel.channel}'"
+            f"{closest(column, list(table.columns))}; name one that has"
             + (f', which is negative in reverse, or write "{COURSE}"' if key == "reverse" else "")
         )
     return table.columns[column]
