@@ -124,17 +124,16 @@ def test_that_nothing_changed_is_not_said_where_it_is_improbable(conditional):
         posterior = SimpleNamespace(models=[changed, same], confusable=lambda: confusable)
         return _answer(SimpleNamespace(posterior=posterior, trace=trace, claims=claims), days, (), verdict)
 
-    nothing = "Nothing has changed since the baseline (monday and tuesday) that these drives can show."
+    since_then = "since the baseline (monday and tuesday)"
+    nothing = f"Nothing has changed {since_then} that these drives can show."
     sure = "9 in 10, if one of these explanations is right" if conditional else "9 in 10"
     assert said(same) == nothing
     assert said(same, changed) == f"{nothing} They do not exclude wheel radius error."
     assert said(changed) == (
-        f"Since the baseline (monday and tuesday) wheel radius error ({sure}) may have changed, but less plainly than is "
-        "asked for a name."
+        f"{since_then.capitalize()} wheel radius error ({sure}) may have changed, "
+        "but less plainly than is asked for a name."
     )
-    unnamed = (
-        "Something has changed since the baseline (monday and tuesday) that no hypothesis of the library explains."
-    )
+    unnamed = f"Something has changed {since_then} that no hypothesis of the library explains."
     assert said(same, changed, verdict="unresolved") == unnamed
     nearest = f"{unnamed} Nearest comes wheel radius error ({sure}), less plainly than is asked for a name."
     assert said(changed, verdict="unresolved") == nearest
