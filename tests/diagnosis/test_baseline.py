@@ -155,6 +155,7 @@ def test_a_change_at_a_bound_of_what_is_possible_is_no_answer():
     [
         ("tyre_relaxation@front", "tyre_relaxation_front", "tyre relaxation of front 0.30 ± 0.10 m"),
         ("payload_shift", "payload_shift", "payload shift 0.30 ± 0.10 m"),
+        ("sensor_gain@speed", "sensor_gain_error_speed", "sensor gain error of speed 0.30 ± 0.10 m"),
         ("steering_lag", "steering_time", "steering lag steering time 0.30 ± 0.10 m"),
     ],
 )

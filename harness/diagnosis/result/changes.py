@@ -16,7 +16,7 @@ from harness.diagnosis.result.claims import Verdict
 from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.selection.acceptance import ends_at_bound
 from harness.diagnosis.selection.baseline import Baseline
-from harness.models.assembly.placement import split
+from harness.models.assembly.placement import split, suffix
 from harness.models.quantities import listed, print_unit, words
 from harness.reporting import style
 
@@ -133,6 +133,8 @@ def _phrase(h: Hypothesis, changes: list[Change], outcome: Outcome) -> str:
     if h.name == ALL_PARAMETERS:
         return f"many parameters changed, which these drives do not tell apart{sure}"
     file, place = split(h.name)
+    if len(changes) == 1 and changes[0].name.startswith(file):  # such as the gain error of a sensor's gain
+        file = changes[0].name.removesuffix(suffix(place or ""))
     what = f"{words(file)} of {words(place)}" if place else words(file)
     sizes = [_size(c, words(c.name) != what.replace(" of ", " ")) for c in changes]
     return f"{what} {listed(sizes)}{sure}"
