@@ -4,12 +4,12 @@ The equations of motion stay those of the CoG. The axles' lateral velocity is th
 the height of the CoG above it times the roll rate, and that makes slip. In terms of the mass ``m_s`` at ``h`` above the
 roll axis, the inertia ``J`` about it and stiffness ``K`` less that of the weight (``_body_roll``): ``k_R = m_s h / K``,
 ``k_S = k_R h m_s / m``. The accelerometer is at the height of the CoG and leans with it. A trailer rests on its
-coupling, which is at its roll axis as the axles are; on the towing vehicle the coupling is about as high as the CoG.
+coupling, which is at its roll axis as the axles are and has the lateral velocity ``v_K``; on the towing vehicle the
+coupling is about as high as the CoG.
 Products of roll angle and yaw rate, inclined roll axes and roll moments of the coupling are left out.
 ``lateral_load_transfer`` and ``roll_steer`` of the body's axles follow its roll.
 
-Equation, with the lateral velocity $v_K$ of the coupling: $\alpha \to \alpha - k_S\dot a_R/v_x,$
-$v_K \to v_K + k_S\dot a_R,$
+Equation: $\alpha \to \alpha - k_S\dot a_R/v_x,$ $v_K \to v_K + k_S\dot a_R,$
 $y \to a_y\cos\varphi+g\sin\varphi,$ $\varphi=k_R a_R,$
 $\ddot a_R=\omega_R^2(a_y-a_R)-2\zeta_R\omega_R\dot a_R$.
 
