@@ -1,7 +1,8 @@
 """Single steps of the C of an estimator against those of its kernel in Python, from a Sobol sequence.
 
 A point of the sequence is a first state with its covariance, parameters and noise, and a few samples behind it: inputs,
-and measurements, of which some are missing. What an estimator carries besides mean and covariance follows.
+and measurements, of which some are missing. What an estimator carries besides mean and covariance follows
+from these.
 """
 
 from __future__ import annotations
