@@ -65,6 +65,11 @@ class Candidates:
             np.array([[spec.measurement_noise[n]] for n in model.outputs]),
         )
 
+    @classmethod
+    def together(cls, candidates: Sequence[Candidates]) -> Candidates:
+        """Return the candidates of several."""
+        return cls(*(np.hstack(arrays) for arrays in zip(*(vars(c).values() for c in candidates), strict=True)))
+
     @property
     def count(self) -> int:
         """Number of candidates."""
@@ -128,6 +133,11 @@ class FilterRun:
     state: Floats
 
 
+def _runs(log_likelihoods: Floats, notes: tuple[Floats, ...]) -> list[FilterRun]:
+    """Return what was kept, lane by lane."""
+    return [FilterRun(float(total), *parts) for total, *parts in zip(log_likelihoods, *notes, strict=True)]
+
+
 class FilteredModel(ABC):
     """A compiled model with a filter.
 
@@ -173,7 +183,7 @@ class FilteredModel(ABC):
         Args:
             drive: The recording.
             held: By the candidates.
-            notes: What ``time_loops.keep_first_lane`` writes to.
+            notes: What ``time_loops.keep_lanes`` writes to.
         """
 
     @property
@@ -262,10 +272,11 @@ class FilteredModel(ABC):
         def of(task: tuple[DriveData, Candidates, list[int]]) -> Floats:
             drive, held, columns = task
             if not keep_first or columns[0] > 0:
-                return self._likelihoods(drive, held.take(columns), self._notes(0))
-            notes = self._notes(len(drive.inputs))
+                return self._likelihoods(drive, held.take(columns), self._notes(drive, 0))
+            notes = self._notes(drive, 1)
             values = self._likelihoods(drive, held.take(columns), notes)
-            self._remembered.keep([_key(drive, held.take([0]))], [(drive, FilterRun(float(values[0]), *notes))])
+            (kept,) = _runs(values[:1], notes)
+            self._remembered.keep([_key(drive, held.take([0]))], [(drive, kept)])
             return values
 
         totals = self.share(of, tasks)
@@ -320,17 +331,25 @@ class FilteredModel(ABC):
         held = Held(at.values, at.process, at.measurement, self._first(drive, at.values), variance)
         return of_valid(self._filter(drive, held, notes), drive)[: candidates.count]
 
-    def _notes(self, samples: int) -> tuple[Floats, ...]:
-        """Return what ``time_loops.keep_first_lane`` writes to; nothing is kept of no samples."""
-        ny = self.compiled.ny
-        seen = [np.full((samples, ny), np.nan) for _ in range(3)]
-        gain, state = np.zeros((samples, self.nx, ny)), np.zeros((samples, self.compiled.nx))
-        return *seen, np.zeros((samples, ny, ny)), gain, state
+    def _notes(self, drive: DriveData, lanes: int) -> tuple[Floats, ...]:
+        """Return what ``time_loops.keep_lanes`` writes to; nothing is kept of no lanes."""
+        shape, ny = (lanes, len(drive.inputs)), self.compiled.ny
+        seen = [np.full((*shape, ny), np.nan) for _ in range(3)]
+        return *seen, np.zeros((*shape, ny, ny)), np.zeros((*shape, self.nx, ny)), np.zeros((*shape, self.compiled.nx))
 
     def run(self, drive: DriveData, point: Candidates) -> FilterRun:
         """Run the filter over a recording for one candidate and keep what it does."""
-        notes = self._notes(len(drive.inputs))
-        return FilterRun(float(self._likelihoods(drive, point, notes)[0]), *notes)
+        (kept,) = self.runs_of(drive, point)
+        return kept
+
+    def runs_of(self, drive: DriveData, candidates: Candidates) -> list[FilterRun]:
+        """Run the filter over a recording for each candidate, in lanes, and keep what it does. One thread."""
+        runs: dict[int, FilterRun] = {}
+        for columns in self._batches(candidates):
+            notes = self._notes(drive, len(columns))
+            values = self._likelihoods(drive, candidates.take(columns), notes)
+            runs |= zip(columns, _runs(values, notes), strict=True)
+        return [runs[column] for column in range(candidates.count)]
 
     def runs(self, drives: Sequence[DriveData], points: Each) -> list[FilterRun]:
         """Run the filter over every recording, which must not change meanwhile: the last few runs are remembered."""

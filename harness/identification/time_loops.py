@@ -103,7 +103,7 @@ def factorise(info, y, S, factor):
 
 
 def note_run(before, after, u_before, u, y, belief, info, scratch, k, notes):
-    """Keep what the first lane's filter did at a sample; nothing if there is no room for samples.
+    """Keep what the filters of the first lanes did at a sample, of as many as there is room for.
 
     The gain is that of a filter linearised at its prediction.
     """
@@ -112,7 +112,7 @@ def note_run(before, after, u_before, u, y, belief, info, scratch, k, notes):
         next_state(before.mean, u_before, belief.constants, x_prior, w)
         output_jacobian(x_prior, u, belief.constants, predicted, H)
         R, errors = belief.measurement_noise, belief.input_errors
-        keep_first_lane(info, y, S, factor, after.mean, k, notes)
+        keep_lanes(info, y, S, factor, after.mean, k, notes)
         if errors.shape[1] == 0:
             keep_gain(y, H, after.covariance, R, k, notes)
         else:
@@ -120,19 +120,19 @@ def note_run(before, after, u_before, u, y, belief, info, scratch, k, notes):
             for i in range(NX):
                 put(get(P_prior, i, i) + get(belief.process_noise, i), P_prior, i, i)
             add_input_errors(P_prior, errors)
-            see_errors(P_prior, H, errors, y, notes[3][k], V)
+            see_errors(P_prior, H, errors, y, factor, V)
             keep_correlated_gain(V, y, k, notes)
 
 
-def see_errors(P_prior, H, errors, y, whitening, V):
-    """Write the covariance of measurements and state, ``L^-1 (H P + D G')`` over the first lane's factor of theirs.
+def see_errors(P_prior, H, errors, y, factor, V):
+    """Write the covariance of measurements and state over the factor of theirs, ``L^-1 (H P + D G')``.
 
     Args:
         P_prior: Covariance of the prediction, with ``G G'`` in it ``(nx, nx, LANES)``.
         H: Output Jacobian ``(ny, nx, LANES)``.
         errors: Effect ``G`` of the inputs' errors on the state and ``D`` on the outputs ``(nx + ny, m, LANES)``.
         y: Measurements ``(ny, LANES)``, NaN where missing.
-        whitening: ``L^-1`` ``(ny, ny)``.
+        factor: ``L`` with unit rows of missing measurements ``(ny, ny, LANES)``.
         V: Written ``(ny, nx, LANES)``, 0 in rows of missing measurements.
     """
     for a in range(NY):
@@ -142,72 +142,71 @@ def see_errors(P_prior, H, errors, y, whitening, V):
                 total = total + get(P_prior, i, j) * get(H, a, j)
             for c in range(errors.shape[1]):
                 total = total + get(errors, i, c) * get(errors, NX + a, c)
-            put(select(get(y, a) == get(y, a), total, 0.0), V, a, i)
-    for a in range(NY - 1, -1, -1):
-        for i in range(NX):
-            total = splat(0.0)
-            for b in range(a + 1):
-                total = total + whitening[a, b] * get(V, b, i)
-            put(total, V, a, i)
+            for b in range(a):
+                total = total - get(factor, a, b) * get(V, b, i)
+            put(select(get(y, a) == get(y, a), total / get(factor, a, a), 0.0), V, a, i)
 
 
-def keep_first_lane(info, y, S, factor, x, k, notes):
-    """Keep what the first lane's filter did at a sample, as plain numbers.
+def keep_lanes(info, y, S, factor, x, k, notes):
+    """Keep what the filters of the first lanes did at a sample, as plain numbers, lane by lane.
 
-    Written to ``notes`` are the innovation and its standard deviation ``(samples, ny)``; the innovation over its
-    Cholesky factor ``(samples, ny)``, NaN where missing; the inverse of that factor ``(samples, ny, ny)``; and the
-    corrected mean ``(samples, states of x)``, of which the first ``NX`` are those of the filter.
+    Written to ``notes`` are the innovation and its standard deviation ``(lanes, samples, ny)``; the innovation over its
+    Cholesky factor ``(lanes, samples, ny)``, NaN where missing; the inverse of that factor ``(lanes, samples, ny,
+    ny)``; and the corrected mean ``(lanes, samples, states of x)``, of which the first ``NX`` are those of the filter.
     """
     innovation, deviation, whitened, whitening, _, state = notes
     factorise(info, y, S, factor)
-    for a in range(NY):
-        missing = np.isnan(y[a, 0])
-        for b in range(a + 1):
-            total = 1.0 if a == b else 0.0
-            for c in range(b, a):
-                total -= factor[a, c, 0] * whitening[k, c, b]
-            whitening[k, a, b] = total / factor[a, a, 0]
-        total = 0.0
-        for b in range(a + 1):
-            if not np.isnan(y[b, 0]):
-                total += whitening[k, a, b] * info.innovation[b, 0]
-        innovation[k, a] = info.innovation[a, 0]
-        deviation[k, a] = np.sqrt(info.innovation_covariance[a, a, 0])
-        whitened[k, a] = np.nan if missing else total
-    for i in range(x.shape[0]):
-        state[k, i] = x[i, 0]
+    for n in range(state.shape[0]):
+        for a in range(NY):
+            missing = np.isnan(y[a, n])
+            for b in range(a + 1):
+                total = 1.0 if a == b else 0.0
+                for c in range(b, a):
+                    total -= factor[a, c, n] * whitening[n, k, c, b]
+                whitening[n, k, a, b] = total / factor[a, a, n]
+            total = 0.0
+            for b in range(a + 1):
+                if not np.isnan(y[b, n]):
+                    total += whitening[n, k, a, b] * info.innovation[b, n]
+            innovation[n, k, a] = info.innovation[a, n]
+            deviation[n, k, a] = np.sqrt(info.innovation_covariance[a, a, n])
+            whitened[n, k, a] = np.nan if missing else total
+        for i in range(x.shape[0]):
+            state[n, k, i] = x[i, n]
 
 
 def keep_gain(y, H, P, R, k, notes):
-    """Keep the gain ``K = P H' R^-1`` with the corrected covariance ``P`` in the first lane ``(samples, nx, ny)``.
+    """Keep the gain ``K = P H' R^-1`` with the corrected covariance ``P``, lane by lane ``(lanes, samples, nx, ny)``.
 
     It holds for noise of the measurements that is independent of the prediction.
     """
     gain = notes[4]
-    for a in range(NY):
-        missing = np.isnan(y[a, 0])
-        for i in range(NX):
-            total = 0.0
-            for j in range(NX):
-                total += P[i, j, 0] * H[a, j, 0]
-            gain[k, i, a] = 0.0 if missing else total / R[a, 0]
+    for n in range(gain.shape[0]):
+        for a in range(NY):
+            missing = np.isnan(y[a, n])
+            for i in range(NX):
+                total = 0.0
+                for j in range(NX):
+                    total += P[i, j, n] * H[a, j, n]
+                gain[n, k, i, a] = 0.0 if missing else total / R[a, n]
 
 
 def keep_correlated_gain(V, y, k, notes):
     """Keep the gain of measurements that see the same errors of the inputs as the prediction.
 
     It is their covariance with the state over the Cholesky factor ``L`` of theirs, ``V`` ``(ny, nx, LANES)``, times
-    ``L^-1``, which ``keep_first_lane`` has kept.
+    ``L^-1``, which ``keep_lanes`` has kept.
     """
     whitening, gain = notes[3], notes[4]
-    for i in range(NX):
-        for b in range(NY):
-            total = 0.0
-            if not np.isnan(y[b, 0]):
-                for a in range(b, NY):
-                    if not np.isnan(y[a, 0]):
-                        total += V[a, i, 0] * whitening[k, a, b]
-            gain[k, i, b] = total
+    for n in range(gain.shape[0]):
+        for i in range(NX):
+            for b in range(NY):
+                total = 0.0
+                if not np.isnan(y[b, n]):
+                    for a in range(b, NY):
+                        if not np.isnan(y[a, n]):
+                            total += V[a, i, n] * whitening[n, k, a, b]
+                gain[n, k, i, b] = total
 
 
 def note_slopes(before, after, u_before, u, y, belief, info, scratch, k, notes):
@@ -249,7 +248,7 @@ def follow(u, between, y, constants, x0, gain, whitening, slopes):
         constants: ``(nc, LANES)``.
         x0: First mean ``(nx, LANES)``.
         gain: That of the run, ``(samples, nx, ny)``; states behind its rows are not corrected.
-        whitening: From ``keep_first_lane``, ``(samples, ny, ny)``.
+        whitening: From ``keep_lanes``, ``(samples, ny, ny)``.
         slopes: Derivatives of the whitened innovations, written ``(samples, ny, lanes)``.
     """
     samples, nu = u.shape

@@ -56,6 +56,21 @@ def test_they_are_those_of_the_filter_over_dual_numbers(gaps):
     )
 
 
+def test_runs_in_lanes_are_those_of_each_candidate_alone(augmented):
+    drive, values = augmented.drive(with_gaps(driven(3, duration=10.0), 1), "drive"), augmented.stated()[:, None]
+    point = dataclasses.replace(Candidates.of(augmented.spec), values=values)
+    lag = augmented.along(["steering_lag"])
+    each = [dataclasses.replace(point, values=values + s * lag, process=p * point.process)
+            for s, p in ((0.0, 1.0), (0.05, 1.0), (0.1, 30.0))]  # fmt: skip
+    for candidate, in_lane in zip(each, augmented.runs_of(drive, Candidates.together(each)), strict=True):
+        alone = augmented.run(drive, candidate)
+        assert alone.log_likelihood == in_lane.log_likelihood
+        for name in ("innovation", "deviation", "whitened", "whitening", "gain"):
+            np.testing.assert_array_equal(getattr(alone, name), getattr(in_lane, name))
+        corrected = range(len(augmented.nominal.states))  # states of an effect that is absent in all lanes stand still
+        np.testing.assert_array_equal(alone.state[:, corrected], in_lane.state[:, corrected])
+
+
 def test_an_intensity_is_a_variance_of_its_state(augmented):
     """Differences of the likelihood, with a gyroscope that drifts and a tyre's parameter that moves as well."""
     drift = next(h for h in hypotheses(augmented, FREE) if h.random and h.of_recording)

@@ -168,7 +168,8 @@ def test_the_likelihood_follows_from_the_history_of_a_filter():
 
     def recorded_and_of_history():
         run = partial(innovations._plain.run, inputs, drive.measurements, held)
-        record, history = Likelihood(time_loops.note_run, innovations._notes(0)), run(EverySample(of_state=False))
+        record = Likelihood(time_loops.note_run, innovations._notes(drive, 0))
+        history = run(EverySample(of_state=False))
         side_by_side = History(*(getattr(history, f.name)[..., None] for f in fields(history)))
         return run(record)[:, 0], record.of(side_by_side, innovations._plain)[:, 0]
 

@@ -152,6 +152,23 @@ def test_the_gain_that_is_kept_is_that_of_the_filter(innovations, exact):
     np.testing.assert_allclose(corrected, kept.state[k], rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.parametrize("known", [False, True])
+def test_runs_in_lanes_are_those_of_each_candidate_alone(innovations, exact, known):
+    drive, point = innovations.drive(noisy(exact, 1, LARGE), "noisy", "held"), Candidates.of(innovations.spec)
+    drive = dataclasses.replace(drive, effects=drive.effects[:, :, :0]) if known else drive
+    each = [
+        Candidates((1.0 + 0.01 * k) * point.values, 3.0**k * point.process, 0.9**k * point.measurement)
+        for k in range(LANES + 1)
+    ]
+    together = innovations.runs_of(drive, Candidates.together(each))
+    assert len({run.log_likelihood for run in together}) == len(each)
+    for candidate, in_lane in zip(each, together, strict=True):
+        for alone, kept in zip(
+            *(vars(run).values() for run in (innovations.run(drive, candidate), in_lane)), strict=True
+        ):
+            np.testing.assert_array_equal(alone, kept)
+
+
 def in_variables(innovations, drive, lasting):
     """Return log-likelihood and states of the filter that has the errors of the inputs among its states."""
     spec, values = innovations.spec, innovations.stated()

@@ -30,7 +30,7 @@ from harness.engine.kernel_names import (
     splat,
 )
 from harness.engine.simd.memory import borrowed, retain
-from harness.identification.time_loops import keep_correlated_gain, keep_first_lane, keep_gain
+from harness.identification.time_loops import keep_correlated_gain, keep_gain, keep_lanes
 from harness.runner.filter_loop import fill, fill_table
 
 NX_WHOLE: Any = StandIn("NX_WHOLE")
@@ -55,7 +55,7 @@ def filter_whole(u, between, nominal, y, errors, constants, nominal_constants, Q
         P0: First variances of the nominal model ``(nx, LANES)``.
         valid: States of the augmented model that have a limit, and their largest magnitudes.
         total: Log-likelihood and first sample outside the limits (``samples`` if none), written ``(2, LANES)``.
-        notes: What ``keep_first_lane`` writes to, of no samples if nothing is kept.
+        notes: What ``keep_lanes`` writes to, of no lanes if nothing is kept.
     """
     samples, nu = u.shape
     row = np.zeros((4, LANES))
@@ -99,7 +99,7 @@ def filter_whole(u, between, nominal, y, errors, constants, nominal_constants, Q
         for i in range(NX, NX_WHOLE):
             put(get(x_prior, i), x, i)
         if notes[0].shape[0] > 0:
-            keep_first_lane(info, y_now, S, factor, x, k, notes)
+            keep_lanes(info, y_now, S, factor, x, k, notes)
             if errors.shape[2] > 0:
                 keep_correlated_gain(work[0], y_now, k, notes)
             else:
