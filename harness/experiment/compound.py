@@ -48,6 +48,10 @@ class TraceGoal(SeparationGoal):
         """Return what separates the set, and the Fisher information on all that the library has."""
         return (*super().evidence(drive), self._likeliest.information(drive) * self._units)
 
+    def surrogate(self, drive: Rehearsed) -> Evidence:
+        """Return the same by one linearisation of each rival."""
+        return (*super().surrogate(drive), self._likeliest.information(drive) * self._units)
+
     def preference(self, evidence: Evidence | None) -> float:
         """Return the compound criterion."""
         apart = max(self.value(evidence), self.enough)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -87,6 +87,10 @@ class Goal(Protocol):
 
     def evidence(self, drive: Rehearsed, /) -> Evidence:
         """Return what a drive tells."""
+
+    @property
+    def surrogate(self) -> Callable[[Rehearsed], Evidence] | None:
+        """Returns about what a drive tells, at a fraction of the cost; ``None`` where the evidence itself is cheap."""
 
     def value(self, evidence: Evidence | None, /) -> float:
         """Return the criterion behind drives, the smaller the better; before any with ``None``."""

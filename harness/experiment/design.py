@@ -140,16 +140,20 @@ def design(
     """
     pool: list[TriedDrive] = []
     refused, count = {}, 0
+    trial = _Trial(goal, rehearsal, budget, kept or KeptDrives())
     with ThreadPoolExecutor(jobs) as threads:
         for number, manoeuvre in enumerate(sorted(manoeuvres, key=lambda m: m.like is not None), 1):
             say(f"manoeuvre {number} of {len(manoeuvres)}: {manoeuvre.name}")
-            search = _Search(goal, rehearsal, room, manoeuvre, budget, kept or KeptDrives())
+            search = _Search(trial, room, manoeuvre)
             models = [] if manoeuvre.like is None else [t.rehearsed.profile for t in _best(pool)[:_IMITATED]]
             search.run(effort, np.random.default_rng([seed, number]), lambda f, xs: list(threads.map(f, xs)), models)
-            pool += search.tried
+            pool += search.tried if goal.surrogate is None else _finalists(search.tried)
             count += search.rehearsed
             if not search.tried:
                 refused[manoeuvre.name] = ", ".join(sorted(search.reasons))
+        if goal.surrogate is not None:
+            say(f"judging the best {len(pool)} in full")
+            pool = list(threads.map(trial.in_full, pool))
     ranked = tuple(_best(pool))
     sequence = greedy(goal, pool, budget)
     evidence = total([(t.evidence, times) for t, times in sequence]) if sequence else None
@@ -161,6 +165,17 @@ def design(
     if not goal.preference(evidence) < goal.preference(None):  # it would not tell more than is known now
         sequence, evidence = (), None
     return DrivePlan(ranked, sequence, evidence, goal.value(evidence), refused, count)
+
+
+def _finalists(tried: Sequence[TriedDrive]) -> list[TriedDrive]:
+    """Return the drives of a manoeuvre that are judged in full: the first one, and the one that is preferred.
+
+    These differ where a surrogate, which may promise too much, takes all for settled by a shorter drive.
+    """
+    if not tried:
+        return []
+    first, preferred = min(tried, key=lambda t: t.rank), min(tried, key=lambda t: t.preference)
+    return [first] if first is preferred else [first, preferred]
 
 
 def _best(pool: Sequence[TriedDrive]) -> list[TriedDrive]:
@@ -200,20 +215,70 @@ def greedy(goal: Goal, pool: Sequence[TriedDrive], budget: float) -> tuple[tuple
     return tuple((pool[i], times) for i, times in taken.items())
 
 
+@dataclass(frozen=True)
+class _Trial:
+    """Drives driven until all is settled or the budget is spent.
+
+    Attributes:
+        goal: What is to be found out.
+        rehearsal: Simulates them.
+        budget: s of driving.
+        kept: What was tried before.
+    """
+
+    goal: Goal
+    rehearsal: Rehearsal
+    budget: float
+    kept: KeptDrives
+
+    def of(self, manoeuvre: Manoeuvre, drive: DriveSpec, in_full: bool) -> TriedDrive | str:
+        """Return a drive with what it tells, or what it passes.
+
+        Args:
+            manoeuvre: Its manoeuvre.
+            drive: The drive.
+            in_full: Whether by the evidence in place of a surrogate.
+        """
+        surrogate = None if in_full else self.goal.surrogate
+        rehearse: Callable[[], Rehearsed] = partial(self.rehearsal.again, drive)
+        outcome = self.kept.read(drive, surrogate is None)
+        if outcome is None:
+            rehearsed = self.rehearsal.of(drive)
+            if isinstance(rehearsed, str):
+                outcome = rehearsed
+            elif rehearsed.seconds * self.goal.turns > self.budget + 1e-9:
+                return _BUDGET
+            else:
+                evidence = (surrogate or self.goal.evidence)(rehearsed)
+                outcome, rehearse = (rehearsed.seconds, evidence), lambda: rehearsed
+            self.kept.write(drive, surrogate is None, outcome)
+        if isinstance(outcome, str):
+            return outcome
+        duration, evidence = outcome
+        turns, enough, most = self.goal.turns, self.goal.enough, int(self.budget / duration + 1e-9)
+        if most < turns:
+            return _BUDGET
+        most -= most % turns
+        for times in range(turns if math.isfinite(enough) else most, most + 1, turns):
+            repeated = total([(evidence, times)])
+            value = self.goal.value(repeated)
+            if value <= enough:
+                break
+        preference = self.goal.preference(repeated)
+        return TriedDrive(manoeuvre, duration, evidence, times, value, preference, value <= enough, rehearse)
+
+    def in_full(self, tried: TriedDrive) -> TriedDrive:
+        """Return a drive that a surrogate was taken for, with what it tells."""
+        outcome = self.of(tried.manoeuvre, tried.rehearsed.drive, in_full=True)
+        assert isinstance(outcome, TriedDrive), outcome
+        return outcome
+
+
 class _Search:
     """The search of one manoeuvre."""
 
-    def __init__(
-        self,
-        goal: Goal,
-        rehearsal: Rehearsal,
-        room: SearchRange,
-        manoeuvre: Manoeuvre,
-        budget: float,
-        kept: KeptDrives,
-    ) -> None:
-        self.goal, self.rehearsal, self.room, self.manoeuvre = goal, rehearsal, room, manoeuvre
-        self.budget, self.kept, self.rehearsed = budget, kept, 0
+    def __init__(self, trial: _Trial, room: SearchRange, manoeuvre: Manoeuvre) -> None:
+        self.trial, self.room, self.manoeuvre, self.rehearsed = trial, room, manoeuvre, 0
         self.tried: list[TriedDrive] = []
         self.reasons: set[str] = set()
 
@@ -262,7 +327,7 @@ class _Search:
         for _ in range(_EASINGS):
             self.rehearsed += 1
             drive = self.manoeuvre.drive(point, room, self.manoeuvre.name)
-            result = self._judged(drive)
+            result = self.trial.of(self.manoeuvre, drive, in_full=False)
             if not isinstance(result, str) or result == _BUDGET:
                 return point, result
             reason = result
@@ -271,31 +336,3 @@ class _Search:
             point[0] = max(0.0, point[0] - eased)
             eased *= 1.0 if self.manoeuvre.like is None else 2.0
         return point, reason
-
-    def _judged(self, drive: DriveSpec) -> TriedDrive | str:
-        """Return what a drive tells that is driven until all is settled or the budget is spent, or what it passes."""
-        rehearse: Callable[[], Rehearsed] = partial(self.rehearsal.again, drive)
-        outcome = self.kept.read(drive)
-        if outcome is None:
-            rehearsed = self.rehearsal.of(drive)
-            if isinstance(rehearsed, str):
-                outcome = rehearsed
-            elif rehearsed.seconds * self.goal.turns > self.budget + 1e-9:
-                return _BUDGET
-            else:
-                outcome, rehearse = (rehearsed.seconds, self.goal.evidence(rehearsed)), lambda: rehearsed
-            self.kept.write(drive, outcome)
-        if isinstance(outcome, str):
-            return outcome
-        duration, evidence = outcome
-        turns, enough, most = self.goal.turns, self.goal.enough, int(self.budget / duration + 1e-9)
-        if most < turns:
-            return _BUDGET
-        most -= most % turns
-        for times in range(turns if math.isfinite(enough) else most, most + 1, turns):
-            repeated = total([(evidence, times)])
-            value = self.goal.value(repeated)
-            if value <= enough:
-                break
-        preference = self.goal.preference(repeated)
-        return TriedDrive(self.manoeuvre, duration, evidence, times, value, preference, value <= enough, rehearse)

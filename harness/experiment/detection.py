@@ -89,6 +89,7 @@ class DetectionGoal:
     recorded, turns = 1, 2
     shortest, lead_in = SHORTEST, BLOCK
     enough = -math.inf
+    surrogate = None
     measure = "the detection limit, of several amplitudes their geometric mean in SI units"
 
     def __init__(self, trace: OpenTrace, wanted: Sequence[str]) -> None:

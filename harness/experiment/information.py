@@ -153,6 +153,7 @@ class EstimationGoal:
     recorded = turns = 1
     shortest, lead_in = 0.0, LEAD_IN
     enough = -math.inf
+    surrogate = None
     measure = "the relative standard error, of several parameters their mean as the criterion takes it"
 
     def __init__(

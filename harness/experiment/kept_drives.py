@@ -43,9 +43,14 @@ class KeptDrives:
         self._basis, self.taken, self.written = basis, 0, 0
         self._counting = Lock()  # drives are tried in threads
 
-    def read(self, drive: DriveSpec) -> tuple[float, Evidence] | str | None:
-        """Return duration in s and evidence of a drive, or the limit that it passes; ``None`` if it is not there."""
-        kept = self._arrays.read(self._key(drive))
+    def read(self, drive: DriveSpec, in_full: bool) -> tuple[float, Evidence] | str | None:
+        """Return duration in s and evidence of a drive, or the limit that it passes; ``None`` if it is not there.
+
+        Args:
+            drive: The drive.
+            in_full: Whether the evidence, or a surrogate.
+        """
+        kept = self._arrays.read(self._key(drive, in_full))
         if kept is None:
             return None
         with self._counting:
@@ -53,19 +58,20 @@ class KeptDrives:
         first, *evidence = kept
         return (float(first), tuple(evidence)) if evidence else str(first)
 
-    def write(self, drive: DriveSpec, outcome: tuple[float, Evidence] | str) -> None:
+    def write(self, drive: DriveSpec, in_full: bool, outcome: tuple[float, Evidence] | str) -> None:
         """Keep what ``read`` returns.
 
         Raises:
             UserError: If the folder cannot be written to.
         """
         first, evidence = (outcome, ()) if isinstance(outcome, str) else outcome
-        self._arrays.write(self._key(drive), [np.array(first), *evidence])
+        self._arrays.write(self._key(drive, in_full), [np.array(first), *evidence])
         with self._counting:
             self.written += 1
 
-    def _key(self, drive: DriveSpec) -> str:
-        return hashlib.sha256(f"{self._basis} {drive.kind} {sorted(drive.options.items())!r}".encode()).hexdigest()[:32]
+    def _key(self, drive: DriveSpec, in_full: bool) -> str:
+        stated = f"{self._basis} {in_full} {drive.kind} {sorted(drive.options.items())!r}"
+        return hashlib.sha256(stated.encode()).hexdigest()[:32]
 
     def remove(self) -> None:
         """Remove what is kept: the result is written."""

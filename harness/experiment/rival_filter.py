@@ -9,7 +9,7 @@ likeliest over the fitted drives, old and new.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,9 +17,10 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.diagnosis.model.augmented_model import AugmentedModel
+from harness.engine.simd.lanes import LANES
 from harness.identification.coordinates import Coordinate
 from harness.identification.data import DriveData
-from harness.identification.filtered_model import Candidates
+from harness.identification.filtered_model import Candidates, FilterRun
 from harness.identification.uncertainty import covariance_of
 
 LOST = 1e4
@@ -94,8 +95,12 @@ class Parabolas:
         return level, place
 
 
+OverADrive = tuple[Parabolas, Parabolas, Floats]
+"""Of the whole drive and of what judges, and the information of both as fitted, see ``RivalFilter.over``."""
+
+
 @dataclass(frozen=True)
-class _Linearised:
+class LinearisedFilter:
     """A filter over a recording, linearised in its coordinates.
 
     Attributes:
@@ -152,7 +157,7 @@ class RivalFilter:
         """All parameters as fitted ``(np,)``."""
         return self.points[0].values[:, 0]
 
-    def over(self, model: AugmentedModel, data: DriveData, begin: float = 0.0) -> tuple[Parabolas, Parabolas, Floats]:
+    def over(self, model: AugmentedModel, data: DriveData, begin: float = 0.0) -> OverADrive:
         """Return the squared whitened innovations over what another model leaves without noise.
 
         They are those of linearisations where the parameters have taken up what they can: of the whole drive, and of
@@ -165,26 +170,65 @@ class RivalFilter:
             begin: s from which on it judges.
         """
         cheap = [int(k) for k in np.argsort(self.cost, kind="stable")]
-        runs: dict[int, _Linearised] = {}
+        centre = np.zeros(len(self.coordinates))
+        runs: dict[int, LinearisedFilter] = {}
         least = math.inf
-        for k in cheap:
+        for k, run in self._in_turn(model, data, cheap):
             if self.cost[k] > _NEAR * least:  # by more noise it would lose more than it has to take up
                 break
-            runs[k] = self._linearised(model, data, k, np.zeros(len(self.coordinates)))
+            runs[k] = self._linearised(model, data, k, centre, run)
             least = min(least, self._reached(k, runs[k].whole)[0])
         as_fitted = runs[cheap[0]]
         for _ in range(_REFITS):
             reached = {k: self._reached(k, run.whole) for k, run in runs.items()}
             least = min(value for value, _ in reached.values())
-            for k, (value, z) in reached.items():
-                promised = self._left(k, runs[k].whole, runs[k].z) - value
-                if value <= _NEAR * least + 1.0 and promised > _ENOUGH * (value + 1.0):
-                    runs[k] = self._linearised(model, data, k, z, runs[k], value)
-        first_row = int(np.searchsorted(data.time, begin)) * data.measurements.shape[1]
-        judged = {k: run.parabola(first_row) for k, run in runs.items()}
+            steps = {
+                k: (value, z)
+                for k, (value, z) in reached.items()
+                if value <= _NEAR * least + 1.0
+                and self._left(k, runs[k].whole, runs[k].z) - value > _ENOUGH * (value + 1.0)
+            }
+            if not steps:
+                break
+            again = model.runs_of(data, Candidates.together([self.point(k, z) for k, (_, z) in steps.items()]))
+            for (k, (value, z)), run in zip(steps.items(), again, strict=True):
+                runs[k] = self._linearised(model, data, k, z, run, runs[k], value)
         levels = [k if k in runs else cheap[0] for k in range(len(self.points))]  # too dear: as with less noise
-        own = np.array([as_fitted.whole[2], as_fitted.parabola(first_row)[2]])
-        return _together([runs[k].whole for k in levels]), _together([judged[k] for k in levels]), own
+        return over_a_drive([runs[k] for k in levels], as_fitted, data, begin)
+
+    def as_fitted(
+        self, model: AugmentedModel, data: DriveData, run: FilterRun, like: LinearisedFilter | None = None
+    ) -> LinearisedFilter:
+        """Return a linearisation as fitted at the cheapest level.
+
+        Args:
+            model: The filter of both.
+            data: What another model leaves.
+            run: Of the filter there.
+            like: Over what still another one leaves of the same drive, where derivatives are almost the same.
+        """
+        there = like if like is not None and like.tangents.any() else None  # not where it diverged
+        return self._linearised(model, data, self.cheapest, np.zeros(len(self.coordinates)), run, there)
+
+    @property
+    def cheapest(self) -> int:
+        """The level that is likeliest as fitted."""
+        return int(np.argmin(self.cost))
+
+    def point(self, level: int, z: Floats | None = None) -> Candidates:
+        """Return what it holds at a level with the parameters at ``z``; as fitted without."""
+        values = self.values.copy()
+        for c, d in zip(self.coordinates, np.zeros(len(self.coordinates)) if z is None else z, strict=True):
+            values[c.rows[0]] = c.value(c.centre + d)
+        return replace(self.points[level], values=values[:, None])
+
+    def _in_turn(
+        self, model: AugmentedModel, data: DriveData, levels: Sequence[int]
+    ) -> Iterator[tuple[int, FilterRun]]:
+        """Yield the runs at some levels as fitted, in lanes as far as they are asked for."""
+        for s in range(0, len(levels), LANES):
+            few = levels[s : s + LANES]
+            yield from zip(few, model.runs_of(data, Candidates.together([self.point(k) for k in few])), strict=True)
 
     def _reached(self, level: int, parts: _Parts) -> tuple[float, Floats]:
         """Return what is left at a level, of the drives so far and of one more, and where its parameters are then."""
@@ -209,30 +253,36 @@ class RivalFilter:
         data: DriveData,
         level: int,
         z: Floats,
-        before: _Linearised | None = None,
+        run: FilterRun,
+        before: LinearisedFilter | None = None,
         promised: float = math.inf,
-    ) -> _Linearised:
+    ) -> LinearisedFilter:
         """Return a linearisation at ``z``, with the derivatives of ``before`` where these led to what they promised.
 
         Where the filter diverges it is lost.
         """
-        values = self.values.copy()
-        for c, d in zip(self.coordinates, z, strict=True):
-            values[c.rows[0]] = c.value(c.centre + d)
-        point = replace(self.points[level], values=values[:, None])
-        run = model.run(data, point)
         whitened = np.nan_to_num(run.whitened).ravel()
         if not math.isfinite(run.log_likelihood):
             whitened = np.r_[np.zeros(whitened.size - 1), math.sqrt(LOST)]
-            return _Linearised(z, whitened, np.zeros((whitened.size, len(z))))
+            return LinearisedFilter(z, whitened, np.zeros((whitened.size, len(z))))
         if before is not None:
             moved = replace(before, z=z, whitened=whitened)
             if abs(self._left(level, moved.whole, z) - promised) <= _RENEWED * (promised + 1.0):
                 return moved
         slopes = np.array([c.slope(c.centre + d) for c, d in zip(self.coordinates, z, strict=True)])
         directions = model.along([c.name for c in self.coordinates]) * slopes
-        tangents = model.sensitivities(data, point.values, directions, run)
-        return _Linearised(z, whitened, tangents.reshape(-1, len(z)))
+        tangents = model.sensitivities(data, self.point(level, z).values, directions, run)
+        return LinearisedFilter(z, whitened, tangents.reshape(-1, len(z)))
+
+
+def over_a_drive(
+    levels: Sequence[LinearisedFilter], as_fitted: LinearisedFilter, data: DriveData, begin: float
+) -> OverADrive:
+    """Return what a filter, linearised at some levels, makes of a drive that judges from ``begin`` in s on."""
+    row = int(np.searchsorted(data.time, begin)) * data.measurements.shape[1]
+    parts = {id(run): (run.whole, run.parabola(row)) for run in [*levels, as_fitted]}
+    whole, judged = (_together([parts[id(run)][part] for run in levels]) for part in (0, 1))
+    return whole, judged, np.array([information for *_, information in parts[id(as_fitted)]])
 
 
 def _together(parts: Sequence[_Parts]) -> Parabolas:

@@ -10,7 +10,7 @@ The probability of a wrong choice is bounded by ``sum sqrt(p_i p_j) exp(-d_ij^2 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -24,7 +24,7 @@ from harness.diagnosis.result.expectation import STANDS
 from harness.experiment.contract import Evidence, ExpectedOutcome
 from harness.experiment.open_trace import OpenTrace, RivalModel
 from harness.experiment.rehearsal import Rehearsed
-from harness.experiment.rival_filter import Parabolas, RivalFilter
+from harness.experiment.rival_filter import LinearisedFilter, OverADrive, Parabolas, RivalFilter, over_a_drive
 from harness.identification.coordinates import Coordinate, parameter_coordinate
 from harness.identification.data import DriveData
 from harness.identification.filtered_model import Candidates
@@ -158,17 +158,37 @@ class SeparationGoal:
         drive, and of what counts where it judges; the right model first. A trace refuses a calm drive, which so tells
         nothing.
         """
+
+        def over(data: DriveData, rivals: Sequence[int]) -> list[OverADrive]:
+            return [self.filters[j].over(self.model, data, BLOCK) for j in rivals]
+
+        return self._evidence(drive, over, len(self.filters[0].points))
+
+    def surrogate(self, drive: Rehearsed) -> Evidence:
+        """Return about the same, of one level, by one linearisation of each rival for what all the others leave."""
+        linearised: dict[int, LinearisedFilter] = {}
+
+        def over(data: DriveData, rivals: Sequence[int]) -> list[OverADrive]:
+            filters = {j: self.filters[j] for j in rivals}
+            runs = self.model.runs_of(data, Candidates.together([f.point(f.cheapest) for f in filters.values()]))
+            for (j, rival), run in zip(filters.items(), runs, strict=True):
+                linearised[j] = rival.as_fitted(self.model, data, run, linearised.get(j))
+            return [over_a_drive([linearised[j]], linearised[j], data, BLOCK) for j in rivals]
+
+        return self._evidence(drive, over, 1)
+
+    def _evidence(
+        self, drive: Rehearsed, over: Callable[[DriveData, Sequence[int]], list[OverADrive]], levels: int
+    ) -> Evidence:
         m, n = len(self.rivals), max(len(f.coordinates) for f in self.filters)
-        shape = 2, m, m, len(self.filters[0].points)
+        shape = 2, m, m, levels
         squares, slopes, information = np.zeros(shape), np.zeros((*shape, n)), np.zeros((*shape, n, n))
         calm = any(map(self.is_calm, drive.data))
         for i, data in enumerate(() if calm else drive.data):
             recorded = self.drives.as_recorded(data, self.model.model.outputs)
-            for j, rival in enumerate(self.filters):
-                if j == i:
-                    continue
-                k = len(rival.coordinates)
-                *both, own = rival.over(self.model, recorded, BLOCK)
+            others = [j for j in range(m) if j != i]
+            for j, (*both, own) in zip(others, over(recorded, others), strict=True):
+                k = len(self.filters[j].coordinates)
                 for part, parts in enumerate(both):
                     squares[part, i, j] = parts.squares
                     slopes[part, i, j, :, :k] = parts.slope
@@ -199,12 +219,12 @@ class SeparationGoal:
         for i, right in enumerate(self.filters):
             noise = np.outer(seconds / self.drives.fitted, right.cost)
             for j, rival in enumerate(self.filters):
-                n = len(rival.coordinates)
+                n, levels = len(rival.coordinates), len(rival.points)
                 fitted, judged = (
                     Parabolas(
                         squares[part, i, j] + noise[part],
-                        slopes[part, i, j, :, :n],
-                        information[part, i, j, :, :n, :n],
+                        np.broadcast_to(slopes[part, i, j, :, :n], (levels, n)),
+                        np.broadcast_to(information[part, i, j, :, :n, :n], (levels, n, n)),
                     )
                     for part in (0, 1)
                 )

@@ -262,6 +262,7 @@ class StudyGoal:
     criterion = "L"
     recorded = turns = 1
     shortest, lead_in = 0.0, LEAD_IN
+    surrogate = None
     measure = "the expected error over that of now, of several the root of the mean square"
 
     def __init__(self, studied: StudiedErrors, jobs: int = 1) -> None:

@@ -17,7 +17,7 @@ SHORTEST = 20.0
 class Seconds:
     """A goal that is reached by seconds of driving, twice as fast by a sweep."""
 
-    turns = 2
+    turns, surrogate = 2, None
 
     def __init__(self, needed):
         self.enough = -needed
@@ -31,20 +31,46 @@ class Seconds:
     preference = value
 
 
-def plan(needed, *manoeuvres):
+class Promised(Seconds):
+    """The same with a surrogate that promises half as much again."""
+
+    def __init__(self, needed):
+        super().__init__(needed)
+        self.judged = 0
+
+    def evidence(self, drive):
+        self.judged += 1
+        return super().evidence(drive)
+
+    def surrogate(self, drive):
+        return (1.5 * super().evidence(drive)[0],)
+
+
+def plan(goal, *manoeuvres):
     room = SearchRange.of(resolve_single(CAR, "test"), Limits(), SHORTEST)
     rehearsal = SimpleNamespace()
     rehearsal.of = rehearsal.again = lambda drive: SimpleNamespace(drive=drive, seconds=drive.options["duration"])
-    return design(Seconds(needed), rehearsal, room, chosen(manoeuvres), 60.0, effort=4, jobs=1)
+    return design(goal, rehearsal, room, chosen(manoeuvres), 60.0, effort=4, jobs=1)
 
 
 @pytest.mark.parametrize(("needed", "seconds"), [(70.0, 40.0), (100.0, 60.0), (math.inf, 60.0)])
 def test_a_drive_is_as_short_as_settles_all(needed, seconds):
-    (tried, times), *further = plan(needed, "sweep").sequence
+    (tried, times), *further = plan(Seconds(needed), "sweep").sequence
     assert (tried.seconds, times, further) == (seconds, 2, [])
 
 
 def test_what_settles_as_soon_with_more_is_first():
-    ranked = plan(30.0, "step", "sweep").ranked
+    ranked = plan(Seconds(30.0), "step", "sweep").ranked
     assert [t.manoeuvre.name for t in ranked] == ["sweep", "step"]
     assert [t.seconds for t in ranked] == [40.0, 40.0]
+
+
+@pytest.mark.parametrize(("needed", "seconds"), [(70.0, 40.0), (100.0, 60.0), (math.inf, 60.0)])
+def test_drives_are_sought_by_a_surrogate_and_judged_in_full(needed, seconds):
+    """At 100 it takes the shortest drive for enough, which the evidence does not."""
+    goal = Promised(needed)
+    made = plan(goal, "sweep", "step")
+    (tried, times), *further = made.sequence
+    assert (tried.manoeuvre.name, tried.seconds, times, further) == ("sweep", seconds, 2, [])
+    assert made.value == pytest.approx(-2.0 * seconds)
+    assert goal.judged <= 4 < made.tried

@@ -18,7 +18,7 @@ from harness.experiment.open_trace import AtLevel, DrivesSoFar, OpenTrace, Rival
 from harness.experiment.rival_filter import Parabolas
 from harness.experiment.run import DesignTask, design_drives
 from harness.experiment.separation import SeparationGoal
-from support.rehearsed import evidence_of
+from support.rehearsed import evidence_of, rehearsed
 
 CAR = {"vehicle": "car", "parameters": "blanco_2021", "tyre": "linear", "sensors": "car_series", "integrator": "rk4"}
 FREE = ("stiffness_peak_front", "stiffness_peak_rear")
@@ -123,6 +123,17 @@ def test_a_rival_takes_up_misfit_by_larger_variances_as_far_as_the_drives_so_far
     assert free[0, 1] < 0.5 * held[0, 1]
 
 
+def test_a_surrogate_is_what_a_linearisation_says_and_sees_no_larger_variances(goal):
+    free = SeparationGoal(opened((0.0, 1.0)))
+    held, full, surrogate = (
+        g.distances(evidence_of(g, "step", [0.5, 0.5, 0.2], surrogate=s))[0]
+        for g, s in ((goal, False), (free, False), (free, True))
+    )
+    assert full[0, 1] < 0.5 * held[0, 1]
+    np.testing.assert_allclose(surrogate[0, 1], held[0, 1], rtol=0.25)
+    assert [a.shape[3] for a in free.surrogate(rehearsed(free, "step", [0.5, 0.5, 0.2]))[:3]] == [1, 1, 1]
+
+
 def test_a_model_that_holds_the_right_one_is_told_from_it_only_by_the_drives_so_far(goal):
     distance, _ = goal.distances(total([(evidence_of(goal, "step", [0.5, 0.5, 0.2]), 100)]))
     assert distance[2, 0] <= (1.0 / 0.3) ** 2 + 1e-6  # a lag of nothing is that many standard errors off
@@ -144,10 +155,9 @@ def test_derivatives_are_taken_anew_where_a_step_misses_what_it_promised(goal, m
     assert 6 <= counts[0] < counts[1] <= 18
 
 
-def test_a_model_says_as_much_of_its_parameters_over_what_it_leaves_itself(goal, monkeypatch):
-    evidence = evidence_of(goal, "ramp", [0.5, 0.5])
-    monkeypatch.setattr(goal, "evidence", lambda drive: drive)
-    drive = evidence_of(goal, "ramp", [0.5, 0.5])
+def test_a_model_says_as_much_of_its_parameters_over_what_it_leaves_itself(goal):
+    drive = rehearsed(goal, "ramp", [0.5, 0.5])
+    evidence = goal.evidence(drive)
     for j, own in enumerate(goal.filters):
         n = len(own.coordinates)
         whole, *_ = own.over(goal.model, drive.data[j])
