@@ -17,9 +17,8 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
-from harness.config import ModelSpec
 from harness.diagnosis.criteria import BLOCK, CALM
-from harness.diagnosis.model.augmented_model import AugmentedModel
+from harness.diagnosis.model.augmented_model import AugmentedModel, HeldParameters
 from harness.diagnosis.result.expectation import STANDS
 from harness.experiment.contract import Evidence, ExpectedOutcome
 from harness.experiment.open_trace import OpenTrace, RivalModel
@@ -30,7 +29,7 @@ from harness.identification.data import DriveData
 from harness.identification.filtered_model import Candidates
 from harness.identification.measured_file import SHORTEST
 from harness.identification.uncertainty import covariance_of
-from harness.models.assembly.candidates import placements
+from harness.models.assembly.candidates import assembled, placements
 from harness.models.assembly.placement import load_effect, parameter_at, split
 from harness.reporting.style import number, probability
 
@@ -64,9 +63,8 @@ class SeparationGoal:
         self.trace, spec, rivals = trace, trace.spec, trace.rivals
         self.rivals, self.drives, self.none, self.recorded = rivals, trace.drives, trace.none, len(rivals)
         moved = {*also, *(name for r in rivals for name in r.values)}
-        excluded = _not_needed(spec, moved)
         available = {*spec.model().inputs, *spec.model().outputs}
-        self.model = AugmentedModel(spec, available, jobs, excluded)
+        self.model = _augmented(trace, available, jobs, moved)
         self.refuse_lacking(name for r in rivals for name in r.values)
         self.shares = np.array([r.share for r in rivals]) / sum(r.share for r in rivals)
         self._coordinates = [[self._coordinate(name, value) for name, value in r.values.items()] for r in rivals]
@@ -312,13 +310,34 @@ def _least(distance: Floats, own: int) -> float:
     return float(np.delete(distance, own).min())
 
 
-def _not_needed(spec: ModelSpec, moved: set[str]) -> frozenset[str]:
-    """Return the effects of the library whose parameters none of the models moves."""
-    names = placements(spec.vehicle, spec.tyre, spec.sensors)
-    needed = {
+def _augmented(trace: OpenTrace, available: set[str], jobs: int, moved: set[str]) -> AugmentedModel:
+    """Return the filter of a trace, with all that its models move.
+
+    Effects that a baseline has given the nominal model are among these, as in the trace, so that another one of the
+    same kind can come, as the bias of a second sensor. Its filter corrects the states of which it states levels.
+    """
+    spec = trace.spec
+    parts, corrected = (spec.vehicle, spec.tyre), set(trace.drives.levels[0])
+    names, bare = placements(*parts, spec.sensors), assembled(*parts, (), spec.sensors)
+    own = [
+        e for e in spec.effects
+        if e not in names or corrected & {*assembled(*parts, (e,), spec.sensors).states} - {*bare.states}
+    ]  # fmt: skip
+    plain = replace(spec, effects=tuple(own))
+    model = plain.model()
+    plain = replace(
+        plain,
+        values={n: spec.values[n] for n in model.parameter_names},
+        process_noise={s: spec.process_noise[s] for s in model.states},
+    )
+    needed = {split(e)[0] for e in spec.effects} | {
         split(name)[0]
         for name in names
         for p in load_effect(name).PARAMETERS
         if parameter_at(p, split(name)[1] or "").name in moved
     }
-    return frozenset({split(name)[0] for name in names} - needed)
+    augmented = AugmentedModel(plain, available, jobs, frozenset(split(name)[0] for name in names) - needed)
+    values = augmented.stated()
+    for name, value in spec.values.items():
+        values[augmented.row(name)] = value
+    return augmented.restated(plain, values, HeldParameters())

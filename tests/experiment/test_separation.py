@@ -231,17 +231,46 @@ def test_the_drives_of_a_trace_are_planned_and_written(goal, tmp_path):
             design_drives(replace(task, **room))
 
 
-def test_random_processes_of_the_model_keep_their_noise_at_every_level():
-    """A written model holds them, as of a varying bank; the levels are those of the process noise of the vehicle."""
+BASELINE = ["road_bank_varying", "steering_lag", "sensor_bias@yaw_rate"]
+LEARNT = {"bank_memory": 10.0, "bank_wander": 3e-3, "steering_lag": 0.02, "sensor_bias_yaw_rate": 0.01}
+
+
+def behind_a_baseline(**process):
+    """Return a goal whose nominal model holds what a baseline has learnt, and a rival with the bias of a second sensor.
+
+    Args:
+        process: Variances of its states that the trace states at each level in addition to those of the vehicle.
+    """
     plain = opened((0.0, 1.0))
-    noise = {"process": {"bank_walk": 0.01}}
-    bank = {"bank_memory": 10.0, "bank_wander": 3e-3}
-    spec = resolve_single({**CAR, "effects": ["road_bank_varying"], "values": bank, "noise": noise}, "test")
-    with_bank = SeparationGoal(replace(plain, spec=spec))
-    at = list(with_bank.model.nominal.states).index("bank_walk")
-    for points in (f.points for f in with_bank.filters):
-        assert [float(p.process[at, 0]) for p in points] == [0.01, 0.01]
-        assert float(points[1].process[0, 0]) == pytest.approx(100.0 * float(points[0].process[0, 0]))
+    spec = resolve_single({**CAR, "effects": BASELINE, "values": LEARNT}, "test")
+    rivals = list(plain.rivals)
+    rivals[2] = rival(plain.spec, "bias", 0.2, costs=(0.0, 1.0), sensor_bias_lateral_acceleration=0.2)
+    levels = tuple({**level, **process} for level in plain.drives.levels)
+    return SeparationGoal(replace(plain, spec=spec, rivals=tuple(rivals), drives=replace(plain.drives, levels=levels)))
+
+
+def test_what_a_baseline_has_learnt_is_held_and_more_of_its_kind_can_come():
+    goal = behind_a_baseline()
+    assert goal.model.spec.effects == ()
+    for rival_, values in zip(goal.rivals, goal.versions, strict=True):
+        stated = dict(zip(goal.model.names, values, strict=True))
+        assert {n: stated[n] for n in LEARNT} == {n: rival_.values.get(n, v) for n, v in LEARNT.items()}
+    assert goal.versions[2][goal.model.row("sensor_bias_lateral_acceleration")] == 0.2
+
+
+def test_random_processes_of_the_model_keep_their_noise_at_every_level():
+    """The levels are those of the process noise of the vehicle."""
+    goal = behind_a_baseline()
+    for points in (f.points for f in goal.filters):
+        first, second = (goal.model.process_variances(p) for p in points)
+        at = len(goal.model.nominal.states)
+        np.testing.assert_allclose(second[:at], 100.0 * first[:at])
+        np.testing.assert_array_equal(second[at:], first[at:])
+        assert len(first) > at
+
+
+def test_effects_whose_states_the_trace_corrects_stay_in_the_model():
+    assert behind_a_baseline(steering_lagged=1e-9).model.spec.effects == ("steering_lag",)
 
 
 def test_what_is_alike_in_a_model_becomes_a_rival_of_its_own(tmp_path):
