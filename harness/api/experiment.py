@@ -23,7 +23,7 @@ def next_drive(
     limits: str | Path | Mapping[str, float | str] | None = None,
     budget: float | str = 60.0,
     manoeuvres: Sequence[str] | None = None,
-    effort: int = 28,
+    effort: int = 24,
     sensors: bool = False,
     seed: int = 0,
     jobs: int | None = None,

@@ -49,7 +49,7 @@ class NextDriveOptions:
     manoeuvres: Annotated[
         list[str] | None, typer.Option("--manoeuvre", help="Manoeuvre to choose from; all if absent; repeatable.")
     ] = None
-    effort: Annotated[int, typer.Option("--effort", min=1, max=MOST, help="Drives that are tried of each.")] = 28
+    effort: Annotated[int, typer.Option("--effort", min=1, max=MOST, help="Drives that are tried of each.")] = 24
     sensors: Annotated[
         bool, typer.Option("--sensors", help="Also judge the drives with every set of sensors of the vehicle.")
     ] = False

@@ -57,7 +57,7 @@ class DesignTask:
     limits: Limits = field(default_factory=Limits)
     budget: float = 60.0
     manoeuvres: tuple[str, ...] = ()
-    effort: int = 28
+    effort: int = 24
     sensors: bool = False
     seed: int = 0
     jobs: int | None = None

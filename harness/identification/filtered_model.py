@@ -375,6 +375,7 @@ class FilteredModel(ABC):
         at, along = for_each(points, drives), for_each(directions, drives)
         kept = self.runs(drives, at)
 
+        @np.errstate(over="ignore", invalid="ignore")  # of a filter that diverges
         def of_drive(i: int) -> tuple[Floats, Floats]:
             columns = self.sensitivities(drives[i], at[i].values, along[i].values, kept[i])
             residual = np.nan_to_num(kept[i].whitened)

@@ -33,10 +33,13 @@ class NoiseSlopes:
         vary = over_singles(paste(compiled, "vary_noise", [covariance_loops.vary_noise]))
         self._vary = load_source("vary_noise", vary).vary_noise
 
+    @np.errstate(over="ignore", invalid="ignore")
     def along(
         self, drive: DriveData, constants: Floats, kept: FilterRun, directions: Candidates, first: Floats
     ) -> tuple[Floats, Floats]:
         """Return gradient ``(n,)`` and Fisher information ``(n, n)`` of a recording's log-likelihood.
+
+        Where the filter diverges they are not finite.
 
         Args:
             drive: The recording.
