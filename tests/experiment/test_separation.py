@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import spearmanr
 
 from harness.common.errors import UserError
 from harness.config import resolve_single
@@ -132,6 +133,18 @@ def test_a_surrogate_is_what_a_linearisation_says_and_sees_no_larger_variances(g
     assert full[0, 1] < 0.5 * held[0, 1]
     np.testing.assert_allclose(surrogate[0, 1], held[0, 1], rtol=0.25)
     assert [a.shape[3] for a in free.surrogate(rehearsed(free, "step", [0.5, 0.5, 0.2]))[:3]] == [1, 1, 1]
+
+
+def test_a_surrogate_orders_drives_as_what_they_tell():
+    free = SeparationGoal(opened((0.0, 30.0)))
+    points = {
+        "step": ([0.1, 0.5, 0.2], [0.5, 0.5, 0.2], [0.5, 0.5, 0.9]), "ramp": ([0.0, 0.0], [0.5, 0.5]),
+        "sweep": ([0.0, 0.2, 0.3, 0.5], [0.1, 0.3, 0.3, 0.5], [0.3, 0.3, 0.3, 0.5]), "weave": ([0.3, 0.3, 0.3],),
+    }  # fmt: skip
+    drives = [rehearsed(free, name, point) for name, of_name in points.items() for point in of_name]
+    in_full, surrogate = ([free.value(tell(d)) for d in drives] for tell in (free.evidence, free.surrogate))
+    assert np.argmin(in_full) == np.argmin(surrogate)
+    assert spearmanr(in_full, surrogate)[0] > 0.9
 
 
 def test_a_model_that_holds_the_right_one_is_told_from_it_only_by_the_drives_so_far(goal):
