@@ -28,6 +28,8 @@ LIMITED = [True]
 
 LARGEST_TEXT = 4 * 2**20
 """Bytes of a text file that is read; what is larger is a recording, or a mistake."""
+_LARGEST_RESULT = 64 * 2**20
+"""The same of ``.json``: a trace holds matrices of all parameters of each model at each level of the noise."""
 _MOST_KEYS = 50_000
 """Keys and tables of a TOML text."""
 _DEEPEST = 32
@@ -156,15 +158,16 @@ def read_content(path: Path) -> bytes:
     """Return the bytes of a small file.
 
     Raises:
-        UserError: If it is absent (with the closest names next to it), no plain file, larger than ``LARGEST_TEXT``, or
-            cannot be read.
+        UserError: If it is absent (with the closest names next to it), no plain file, larger than ``LARGEST_TEXT`` (a
+            result in JSON may be larger), or cannot be read.
     """
     refuse_special(path)
+    largest = _LARGEST_RESULT if path.suffix == ".json" else LARGEST_TEXT
     try:
         with path.open("rb") as file:
-            content = file.read(LARGEST_TEXT + 1)
-        if len(content) > LARGEST_TEXT:
-            raise UserError(f"{path}: is larger than {LARGEST_TEXT / 2**20:g} MiB, which no text file of a study is")
+            content = file.read(largest + 1)
+        if len(content) > largest:
+            raise UserError(f"{path}: is larger than {largest / 2**20:g} MiB, which no text file of a study is")
         return content
     except FileNotFoundError:
         names = sorted(p.name for p in path.parent.glob(f"*{path.suffix}")) if path.parent.is_dir() else []

@@ -11,7 +11,16 @@ import pytest
 
 from harness.common import places
 from harness.common.errors import UserError
-from harness.common.files import json_text, parse_toml, read_toml, refuse_url, renewed, toml_text, write_files
+from harness.common.files import (
+    json_text,
+    parse_toml,
+    read_text,
+    read_toml,
+    refuse_url,
+    renewed,
+    toml_text,
+    write_files,
+)
 from harness.recordings.read.write import check_target
 
 CONTENT = {
@@ -81,6 +90,16 @@ def test_a_toml_text_of_some_depth_and_length_is_read():
     assert parse_toml(".".join("a" * 32) + " = 1.5", "a.toml")["a"]["a"]
     numbers = "[" + ", ".join(["0.1"] * 9999) + "]"
     assert len(parse_toml(f"a = {numbers}\nb = 'v1. v2. v3. in www.a.b.c.d.e.f'", "a.toml")["a"]) == 9999
+
+
+def test_a_result_may_be_larger_than_a_study(tmp_path):
+    """A trace of a semitrailer that grew without a baseline writes 5 MB."""
+    (tmp_path / "trace.json").write_text("[" + " " * 5 * 2**20 + "]", encoding="utf-8")
+    assert json.loads(read_text(tmp_path / "trace.json")) == []
+    with (tmp_path / "larger.json").open("wb") as file:
+        file.truncate(2**30)
+    with pytest.raises(UserError, match=r"larger\.json: is larger than 64 MiB"):
+        read_text(tmp_path / "larger.json")
 
 
 def test_a_text_file_larger_than_any_study_is_not_read(tmp_path):
