@@ -125,8 +125,9 @@ def read_trace(folder: Path, least: int = 2) -> OpenTrace:
         UserError: If the trace left nothing to be told apart, or an older version wrote it.
     """
     file = folder / TRACE
+    text = read_text(file)
     try:
-        content: dict[str, Any] = json.loads(read_text(file))
+        content: dict[str, Any] = json.loads(text)
         confusable, none = content["confusable"], float(content["posterior"]["none_of_these"])
         outputs, noise = list(content["error"]), confusable["noise"]
         seconds = float(noise["fitted_seconds"]), float(noise["held_out_seconds"])
