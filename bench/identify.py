@@ -18,9 +18,9 @@ from bench.timing import quickest
 from harness.common.arguments import Parser
 from harness.config import ModelSpec, resolve_single
 from harness.engine.simd.lanes import LANES
+from harness.identification.candidates import Candidates
 from harness.identification.contract import Fit, Problem
 from harness.identification.data import DriveData
-from harness.identification.filtered_model import Candidates
 from harness.identification.innovations import Innovations
 from harness.identification.methods.likelihood import Search, Settings, identify
 from harness.models.contracts import DriveContext

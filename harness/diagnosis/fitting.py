@@ -28,6 +28,7 @@ from harness.common.cache import LastUsed
 from harness.common.kept_arrays import KeptArrays
 from harness.diagnosis.criteria import BLOCK
 from harness.diagnosis.model.augmented_model import AugmentedModel
+from harness.identification.candidates import Candidates
 from harness.identification.coordinates import (
     Coordinate,
     Coordinates,
@@ -36,7 +37,7 @@ from harness.identification.coordinates import (
     process_coordinates,
 )
 from harness.identification.data import DriveData
-from harness.identification.filtered_model import Candidates, FilterRun
+from harness.identification.filtered_model import FilterRun
 from harness.identification.fisher_scoring import Maximum, maximise
 from harness.identification.objective import Driveable, LogPosterior
 from harness.identification.signal_noise import signal_noise

@@ -18,8 +18,8 @@ from harness.diagnosis.result.changes import record_of_changes
 from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.result.study_gain import REPEATS
 from harness.diagnosis.run import TraceTask, run_trace
+from harness.identification.candidates import Candidates
 from harness.identification.earlier_result import with_absolute_paths
-from harness.identification.filtered_model import Candidates
 from harness.identification.measured_file import MeasuredStudy
 from harness.identification.report import spans_sheet
 from harness.identification.result import judged_on

@@ -18,9 +18,10 @@ import numpy as np
 from harness.common.arrays import Floats
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.engine.simd.lanes import LANES
+from harness.identification.candidates import Candidates
 from harness.identification.coordinates import Coordinate
 from harness.identification.data import DriveData
-from harness.identification.filtered_model import Candidates, FilterRun
+from harness.identification.filtered_model import FilterRun
 from harness.identification.uncertainty import covariance_of
 
 LOST = 1e4

@@ -24,9 +24,9 @@ from harness.experiment.contract import Evidence, ExpectedOutcome
 from harness.experiment.open_trace import OpenTrace, RivalModel
 from harness.experiment.rehearsal import Rehearsed
 from harness.experiment.rival_filter import LinearisedFilter, OverADrive, Parabolas, RivalFilter, over_a_drive
+from harness.identification.candidates import Candidates
 from harness.identification.coordinates import Coordinate, parameter_coordinate
 from harness.identification.data import DriveData
-from harness.identification.filtered_model import Candidates
 from harness.identification.measured_file import SHORTEST
 from harness.identification.uncertainty import covariance_of
 from harness.models.assembly.candidates import assembled, placements

@@ -36,9 +36,9 @@ from harness.experiment.error_model import SquaredErrorModel, squared_error_mode
 from harness.experiment.information import open_covariance
 from harness.experiment.manoeuvres import LEAD_IN
 from harness.experiment.rehearsal import Rehearsed
+from harness.identification.candidates import Candidates
 from harness.identification.coordinates import Coordinates
 from harness.identification.earlier_result import EarlierResult
-from harness.identification.filtered_model import Candidates
 from harness.identification.innovations import Innovations
 from harness.identification.uncertainty import covariance_of
 from harness.models.quantities import Quantity, listed, words

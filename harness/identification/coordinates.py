@@ -20,7 +20,7 @@ from harness.common.registry import closest
 from harness.config import ModelSpec
 from harness.config.bounds import broken_relations
 from harness.config.parameter_set import set_std, stated_std
-from harness.identification.filtered_model import Candidates
+from harness.identification.candidates import Candidates
 from harness.identification.signal_noise import SignalNoise
 from harness.models.contracts import Parameter
 from harness.models.signals import SIGNALS

@@ -17,15 +17,9 @@ from harness.config import ModelSpec
 from harness.engine.simd.lanes import LANES
 from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.identification import time_loops
+from harness.identification.candidates import Candidates, Each, for_each
 from harness.identification.data import DriveData
-from harness.identification.filtered_model import (
-    Candidates,
-    Each,
-    FilteredModel,
-    Slopes,
-    for_each,
-    of_valid,
-)
+from harness.identification.filtered_model import FilteredModel, Slopes, of_valid
 from harness.identification.time_loops import Likelihood
 from harness.runner.contract import Held, InputSeries
 

@@ -17,9 +17,10 @@ from harness.common.series import packed
 from harness.common.statistics import grows
 from harness.config.parameter_set import set_text
 from harness.identification.axles import axle_estimates
+from harness.identification.candidates import Candidates, Each, for_each
 from harness.identification.contract import Estimate, Fit, Problem
 from harness.identification.data import DriveData
-from harness.identification.filtered_model import Candidates, Each, FilteredModel, FilterRun, for_each
+from harness.identification.filtered_model import FilteredModel, FilterRun
 from harness.identification.free_run import blocks, found_start
 from harness.identification.posterior_study import STUDY, posterior_study
 from harness.identification.whiteness import Whiteness, whiteness

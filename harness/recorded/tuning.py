@@ -20,6 +20,7 @@ import xarray as xr
 from harness.common.arrays import Floats, Mask
 from harness.common.errors import UserError
 from harness.config import ModelSpec
+from harness.identification.candidates import Candidates
 from harness.identification.contract import Estimate, Verdict
 from harness.identification.coordinates import (
     NOISE_RANGE,
@@ -29,7 +30,6 @@ from harness.identification.coordinates import (
     process_coordinates,
 )
 from harness.identification.data import DriveData
-from harness.identification.filtered_model import Candidates
 from harness.identification.fisher_scoring import Maximum, maximise
 from harness.identification.objective import LogPosterior
 from harness.identification.signal_noise import white_noise

@@ -13,7 +13,7 @@ from harness.diagnosis.selection.acceptance import objections
 from harness.diagnosis.selection.forward_selection import first_variances, trace
 from harness.diagnosis.selection.posterior import kind_of, log_odds
 from harness.diagnosis.selection.validation import HeldOut
-from harness.identification.filtered_model import Candidates
+from harness.identification.candidates import Candidates
 from harness.identification.innovations import Innovations
 from support.driven_car import FREE, driven
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from harness.diagnosis.innovations.innovation_model import Linearised, ModelTangents
-from harness.identification.filtered_model import Candidates
+from harness.identification.candidates import Candidates
 from support.driven_car import driven
 
 

@@ -10,7 +10,7 @@ from harness.diagnosis.fitting import Fitting
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import coordinates, hypotheses
 from harness.diagnosis.selection.forward_selection import first_variances
-from harness.identification.filtered_model import Candidates
+from harness.identification.candidates import Candidates
 from harness.identification.innovations import Innovations
 from support.driven_car import CAR, FREE, SIGNALS, driven
 

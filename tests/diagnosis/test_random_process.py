@@ -17,7 +17,7 @@ from harness.diagnosis.residuals.random_process import expected_excess, find_ran
 from harness.diagnosis.result.estimator_gain import fitted_model
 from harness.diagnosis.selection.forward_selection import first_variances
 from harness.diagnosis.selection.validation import HeldOut, colour_left
-from harness.identification.filtered_model import Candidates
+from harness.identification.candidates import Candidates
 from harness.identification.innovations import Innovations
 from harness.identification.whiteness import Whiteness, whiteness
 from support.driven_car import CAR, FREE, driven

@@ -21,7 +21,7 @@ from harness.diagnosis.run import refuse_recordings
 from harness.diagnosis.selection.acceptance import beyond_belief
 from harness.diagnosis.selection.forward_selection import first_variances
 from harness.diagnosis.selection.score_test import SPACING, ScoreTest, best_amplitudes, cosine
-from harness.identification.filtered_model import Candidates
+from harness.identification.candidates import Candidates
 from harness.identification.innovations import Innovations
 from harness.recordings import load_recording
 from harness.recordings.check.examine import recording_warnings

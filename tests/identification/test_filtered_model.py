@@ -5,8 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
+from harness.identification.candidates import Candidates
 from harness.identification.coordinates import Coordinates, parameter_coordinate
-from harness.identification.filtered_model import Candidates, FilteredModel
+from harness.identification.filtered_model import FilteredModel
 from harness.identification.free_run import FEWEST, Start
 from harness.identification.innovations import Innovations
 from harness.identification.objective import LogPosterior

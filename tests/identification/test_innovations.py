@@ -10,8 +10,8 @@ from scipy import stats
 from harness.common.errors import UserError
 from harness.engine.simd.lanes import LANES
 from harness.identification import time_loops
+from harness.identification.candidates import Candidates
 from harness.identification.coordinates import Coordinates
-from harness.identification.filtered_model import Candidates
 from harness.identification.innovations import Innovations
 from harness.identification.time_loops import Likelihood
 from harness.runner.contract import Held, History, InputSeries

@@ -12,7 +12,7 @@ from numba import njit
 from harness.engine.kernel_names import Info
 from harness.engine.simd.lanes import LANES, put
 from harness.engine.simd.linalg import add_input_errors, correlated_update
-from harness.identification.filtered_model import Candidates
+from harness.identification.candidates import Candidates
 from harness.identification.innovations import Innovations
 from harness.identification.input_effects import InputEffects
 from harness.identification.measured_inputs import InputErrors

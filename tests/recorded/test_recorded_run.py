@@ -7,7 +7,7 @@ from harness.common.errors import ModelError, UserError
 from harness.config import resolve_single
 from harness.engine.simd.lanes import LANES
 from harness.estimation.compiled_estimator import CompiledEstimator
-from harness.identification.filtered_model import Candidates
+from harness.identification.candidates import Candidates
 from harness.recorded.run import RecordedEstimator, RecordedModel, certain_in_words
 from harness.simulation.simulate import in_lanes, variances
 from support.identification import CAR, TRUCK, model_of, recorded

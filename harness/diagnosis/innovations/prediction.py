@@ -21,8 +21,8 @@ from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.noise_slopes import nonzero_columns
 from harness.engine.compile import load_source, paste
 from harness.engine.simd.lanes import LANES
+from harness.identification.candidates import Candidates
 from harness.identification.data import DriveData
-from harness.identification.filtered_model import Candidates
 
 _FAR = 1.0
 """s; horizon from which the errors of the inputs count as what they do to a free run: they last about as long."""

@@ -27,9 +27,10 @@ from harness.diagnosis.model import time_loops
 from harness.diagnosis.model.noise_slopes import NoiseSlopes
 from harness.engine.compile import compile_model, load_source, paste
 from harness.engine.simd.lanes import LANES
+from harness.identification.candidates import Candidates, Each, for_each
 from harness.identification.coordinates import Coordinate
 from harness.identification.data import DriveData
-from harness.identification.filtered_model import Candidates, Each, FilteredModel, FilterRun, Slopes, for_each
+from harness.identification.filtered_model import FilteredModel, FilterRun, Slopes
 from harness.identification.measured_inputs import Between
 from harness.models.assembly.assemble import StateSpaceModel, assemble
 from harness.models.assembly.candidates import assembled, placements

@@ -13,8 +13,9 @@ from harness.common.arrays import Floats
 from harness.diagnosis.model import covariance_loops
 from harness.engine.compile import SINGLES, CompiledModel, load_source, over_singles, paste
 from harness.engine.simd.lanes import LANES
+from harness.identification.candidates import Candidates
 from harness.identification.data import DriveData
-from harness.identification.filtered_model import Candidates, FilterRun
+from harness.identification.filtered_model import FilterRun
 
 Singles = NDArray[np.float32]
 

@@ -25,6 +25,7 @@ from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking
 from harness.diagnosis.selection.forward_selection import Trace
 from harness.diagnosis.selection.validation import colour_left
+from harness.identification.candidates import Candidates
 from harness.identification.coordinates import (
     Coordinates,
     intensity_coordinate,
@@ -32,7 +33,6 @@ from harness.identification.coordinates import (
     process_coordinates,
 )
 from harness.identification.data import DriveData
-from harness.identification.filtered_model import Candidates
 from harness.identification.fisher_scoring import maximise
 from harness.identification.innovations import Innovations
 from harness.identification.objective import LogPosterior

@@ -21,8 +21,8 @@ from harness.config import ModelSpec
 from harness.diagnosis.fitting import ParameterPoint
 from harness.diagnosis.selection.forward_selection import Trace
 from harness.engine.further_processes import compile_all
+from harness.identification.candidates import Candidates
 from harness.identification.data import DriveData
-from harness.identification.filtered_model import Candidates
 from harness.identification.innovations import Innovations
 
 

@@ -34,9 +34,9 @@ from harness.engine.kernel_names import LANES, NW, NX, NY, get, next_state, outp
 from harness.engine.simd.lanes import LANES as WIDTH
 from harness.estimation.compiled_estimator import CompiledEstimator
 from harness.estimation.particle_smoother import Transitions, run_filter, transitions
+from harness.identification.candidates import Candidates
 from harness.identification.contract import Estimate, Fit, Problem
 from harness.identification.data import DriveData, started_by
-from harness.identification.filtered_model import Candidates
 from harness.simulation.simulate import in_lanes, variances
 
 
