@@ -118,7 +118,7 @@ def design(
     room: SearchRange,
     manoeuvres: Sequence[Manoeuvre],
     budget: float,
-    effort: int = 20,
+    effort: int,
     jobs: int = 2,
     seed: int = 0,
     say: Callable[[str], None] = lambda _: None,

@@ -206,7 +206,7 @@ class RivalFilter:
             model: The filter of both.
             data: What another model leaves.
             run: Of the filter there.
-            like: Over what still another one leaves of the same drive, where derivatives are almost the same.
+            like: Over what still another one leaves of the same drive, whose derivatives are taken.
         """
         there = like if like is not None and like.tangents.any() else None  # not where it diverged
         return self._linearised(model, data, self.cheapest, np.zeros(len(self.coordinates)), run, there)
@@ -256,11 +256,11 @@ class RivalFilter:
         z: Floats,
         run: FilterRun,
         before: LinearisedFilter | None = None,
-        promised: float = math.inf,
+        promised: float | None = None,
     ) -> LinearisedFilter:
         """Return a linearisation at ``z``, with the derivatives of ``before`` where these led to what they promised.
 
-        Where the filter diverges it is lost.
+        If nothing was promised they are taken in any case. Where the filter diverges it is lost.
         """
         whitened = np.nan_to_num(run.whitened).ravel()
         if not math.isfinite(run.log_likelihood):
@@ -268,7 +268,7 @@ class RivalFilter:
             return LinearisedFilter(z, whitened, np.zeros((whitened.size, len(z))))
         if before is not None:
             moved = replace(before, z=z, whitened=whitened)
-            if abs(self._left(level, moved.whole, z) - promised) <= _RENEWED * (promised + 1.0):
+            if promised is None or abs(self._left(level, moved.whole, z) - promised) <= _RENEWED * (promised + 1.0):
                 return moved
         slopes = np.array([c.slope(c.centre + d) for c, d in zip(self.coordinates, z, strict=True)])
         directions = model.along([c.name for c in self.coordinates]) * slopes

@@ -167,6 +167,8 @@ class SeparationGoal:
         linearised: dict[int, LinearisedFilter] = {}
 
         def over(data: DriveData, rivals: Sequence[int]) -> list[OverADrive]:
+            if not rivals:
+                return []
             filters = {j: self.filters[j] for j in rivals}
             runs = self.model.runs_of(data, Candidates.together([f.point(f.cheapest) for f in filters.values()]))
             for (j, rival), run in zip(filters.items(), runs, strict=True):
@@ -314,14 +316,19 @@ def _augmented(trace: OpenTrace, available: set[str], jobs: int, moved: set[str]
     """Return the filter of a trace, with all that its models move.
 
     Effects that a baseline has given the nominal model are among these, as in the trace, so that another one of the
-    same kind can come, as the bias of a second sensor. Its filter corrects the states of which it states levels.
+    same kind can come, as the bias of a second sensor. Of others the filter corrects the states, as it states levels of
+    these; gains are those without effects that have none.
+
+    Raises:
+        UserError: If it cannot hold a value of the nominal model.
     """
     spec = trace.spec
     parts, corrected = (spec.vehicle, spec.tyre), set(trace.drives.levels[0])
     names, bare = placements(*parts, spec.sensors), assembled(*parts, (), spec.sensors)
+    files = {split(name)[0] for name in names}
     own = [
         e for e in spec.effects
-        if e not in names or corrected & {*assembled(*parts, (e,), spec.sensors).states} - {*bare.states}
+        if split(e)[0] not in files or corrected & {*assembled(*parts, (e,), spec.sensors).states} - {*bare.states}
     ]  # fmt: skip
     plain = replace(spec, effects=tuple(own))
     model = plain.model()
@@ -336,7 +343,9 @@ def _augmented(trace: OpenTrace, available: set[str], jobs: int, moved: set[str]
         for p in load_effect(name).PARAMETERS
         if parameter_at(p, split(name)[1] or "").name in moved
     }
-    augmented = AugmentedModel(plain, available, jobs, frozenset(split(name)[0] for name in names) - needed)
+    augmented = AugmentedModel(plain, available, jobs, frozenset(files - needed))
+    if lacking := [name for name in spec.values if name not in augmented.names]:
+        raise UserError(f"{spec.parameters}: drives cannot be planned with '{lacking[0]}'; trace without its effect")
     values = augmented.stated()
     for name, value in spec.values.items():
         values[augmented.row(name)] = value

@@ -309,6 +309,7 @@ class FilteredModel(ABC):
         self._remembered.keep(keys, list(zip(drives, runs, strict=True)))
         return runs
 
+    @np.errstate(over="ignore", invalid="ignore")  # of a filter that diverges
     def slopes(self, drives: Sequence[DriveData], points: Each, directions: Each) -> Slopes:
         """Return the log-likelihood of all recordings at a point, with gradient and Fisher information.
 
@@ -323,7 +324,7 @@ class FilteredModel(ABC):
         at, along = for_each(points, drives), for_each(directions, drives)
         kept = self.runs(drives, at)
 
-        @np.errstate(over="ignore", invalid="ignore")  # of a filter that diverges
+        @np.errstate(over="ignore", invalid="ignore")  # in a thread of its own
         def of_drive(i: int) -> tuple[Floats, Floats]:
             columns = self.sensitivities(drives[i], at[i].values, along[i].values, kept[i])
             residual = np.nan_to_num(kept[i].whitened)

@@ -135,6 +135,25 @@ def test_a_surrogate_is_what_a_linearisation_says_and_sees_no_larger_variances(g
     assert [a.shape[3] for a in free.surrogate(rehearsed(free, "step", [0.5, 0.5, 0.2]))[:3]] == [1, 1, 1]
 
 
+def test_a_surrogate_is_what_is_known_before_parameters_are_refitted(goal, monkeypatch):
+    """Of one level; derivatives of a rival are those over what the first of the others leaves."""
+    monkeypatch.setattr(rival_filter, "_REFITS", 0)
+    drive, others = rehearsed(goal, "step", [0.5, 0.5, 0.2]), ~np.eye(3, dtype=bool)
+    in_full, surrogate = goal.evidence(drive), goal.surrogate(drive)
+    np.testing.assert_allclose(surrogate[0][:, others], in_full[0][:, others], rtol=1e-9)
+    assert len(np.unique(in_full[0][0, others])) == 6
+    for first, rival_ in ((1, 0), (0, 1), (0, 2)):
+        np.testing.assert_allclose(surrogate[2][:, first, rival_], in_full[2][:, first, rival_], rtol=1e-9)
+
+
+def test_of_more_levels_than_lanes_each_is_run():
+    trace = opened((0.0,) * 10)
+    levels = tuple({s: 1.5**k * v for s, v in trace.drives.levels[0].items()} for k in range(10))
+    many = SeparationGoal(replace(trace, drives=replace(trace.drives, levels=levels)))
+    squares = evidence_of(many, "step", [0.5, 0.5, 0.2])[0][0, 0, 1]
+    assert (np.diff(squares) < 0.0).all()
+
+
 def test_a_surrogate_orders_drives_as_what_they_tell():
     free = SeparationGoal(opened((0.0, 30.0)))
     points = {
@@ -269,6 +288,15 @@ def test_what_a_baseline_has_learnt_is_held_and_more_of_its_kind_can_come():
         stated = dict(zip(goal.model.names, values, strict=True))
         assert {n: stated[n] for n in LEARNT} == {n: rival_.values.get(n, v) for n, v in LEARNT.items()}
     assert goal.versions[2][goal.model.row("sensor_bias_lateral_acceleration")] == 0.2
+
+
+def test_an_effect_that_acts_everywhere_is_held_too_and_one_that_cannot_be_is_refused():
+    lengths = {"tyre_relaxation_front": 0.5, "tyre_relaxation_rear": 0.4}
+    spec = resolve_single({**CAR, "effects": ["tyre_relaxation"], "values": lengths}, "test")
+    assert SeparationGoal(replace(opened(), spec=spec)).model.spec.effects == ()
+    drifting = resolve_single({**CAR, "effects": ["sensor_drift@lateral_acceleration"]}, "test")
+    with pytest.raises(UserError, match="drives cannot be planned with 'sensor_drift_lateral_acceleration'"):
+        SeparationGoal(replace(opened(), spec=drifting))
 
 
 def test_random_processes_of_the_model_keep_their_noise_at_every_level():

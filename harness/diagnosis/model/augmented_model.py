@@ -301,6 +301,7 @@ class AugmentedModel(FilteredModel):
         )
         return total
 
+    @np.errstate(over="ignore", invalid="ignore")  # of a filter that diverges
     def slopes(self, drives: Sequence[DriveData], points: Each, directions: Each) -> Slopes:
         """Return the log-likelihood of all recordings at a point, with gradient and Fisher information.
 
